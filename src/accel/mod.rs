@@ -1,0 +1,1 @@
+//! Ray queries against a mesh: closest hit and occlusion.

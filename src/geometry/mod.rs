@@ -1,0 +1,11 @@
+//! Directions, frames, rigid transforms and spherical maps.
+
+mod frame;
+mod ray;
+mod spherical;
+mod turn;
+
+pub use frame::{Frame, Local};
+pub use ray::{Ray, offset_origin};
+pub use spherical::{direction_from_latlong, latlong_from_direction};
+pub use turn::{Similarity, Turn};
