@@ -9,7 +9,8 @@
 mod dichromatic;
 mod fresnel;
 mod ndf;
+mod visible_slopes;
 
 pub use dichromatic::{BrdfSample, Dichromatic};
-pub use fresnel::Fresnel;
+pub use fresnel::{Fresnel, dielectric, schlick_weight};
 pub use ndf::{Alpha, AlphaError, Ndf};

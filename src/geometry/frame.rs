@@ -42,7 +42,11 @@ impl Frame {
         let a = -1.0 / (sign + normal.z);
         let b = normal.x * normal.y * a;
         Self {
-            tangent: Vec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x),
+            tangent: Vec3::new(
+                1.0 + sign * normal.x * normal.x * a,
+                sign * b,
+                -sign * normal.x,
+            ),
             bitangent: Vec3::new(b, sign + normal.y * normal.y * a, -normal.y),
             normal,
         }

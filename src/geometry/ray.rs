@@ -41,5 +41,9 @@ pub fn offset_origin(point: Vec3, normal: Vec3) -> Vec3 {
             f32::from_bits((if p < 0.0 { bits - step } else { bits + step }) as u32)
         }
     };
-    Vec3::new(along(point.x, normal.x), along(point.y, normal.y), along(point.z, normal.z))
+    Vec3::new(
+        along(point.x, normal.x),
+        along(point.y, normal.y),
+        along(point.z, normal.z),
+    )
 }

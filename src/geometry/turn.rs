@@ -15,7 +15,11 @@ pub struct Similarity {
 
 impl Default for Similarity {
     fn default() -> Self {
-        Self { scale: 1.0, rotation: DQuat::IDENTITY, translation: DVec3::ZERO }
+        Self {
+            scale: 1.0,
+            rotation: DQuat::IDENTITY,
+            translation: DVec3::ZERO,
+        }
     }
 }
 
@@ -56,14 +60,22 @@ mod tests {
 
     #[test]
     fn positive_angle_turns_right_handed_about_the_axis() {
-        let turn = Turn { axis: DVec3::Y, center: DVec3::ZERO };
-        let x = turn.world_from_object(std::f64::consts::FRAC_PI_2).transform_point3(DVec3::Z);
+        let turn = Turn {
+            axis: DVec3::Y,
+            center: DVec3::ZERO,
+        };
+        let x = turn
+            .world_from_object(std::f64::consts::FRAC_PI_2)
+            .transform_point3(DVec3::Z);
         assert!((x - DVec3::X).length() < 1e-12);
     }
 
     #[test]
     fn the_centre_stays() {
-        let turn = Turn { axis: DVec3::new(0.6, 0.8, 0.0), center: DVec3::new(1.0, 2.0, 3.0) };
+        let turn = Turn {
+            axis: DVec3::new(0.6, 0.8, 0.0),
+            center: DVec3::new(1.0, 2.0, 3.0),
+        };
         let moved = turn.world_from_object(1.234).transform_point3(turn.center);
         assert!((moved - turn.center).length() < 1e-12);
     }

@@ -1,1 +1,12 @@
-//! probe
+//! The light: an HDR lat-long map recorded by an omni-directional camera.
+//!
+//! The map is a function on the sphere, bilinear between texel centres, periodic in longitude and
+//! clamped towards the poles; everything here (look-up, sampling, pyramid) sees that one function.
+
+mod environment;
+mod pyramid;
+mod repair;
+
+pub use environment::{Environment, LightSample, TurnedLight};
+pub use pyramid::{LightNode, LightPyramid};
+pub use repair::{ProbeError, ProbeReport, repair};

@@ -61,7 +61,9 @@ pub struct Camera {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
     /// `position` and `look_at` coincide, or the view runs along +Y, so that "up" has no meaning.
-    #[error("look_at = {look_at}: the view direction from position = {position} is {problem}; move one of them")]
+    #[error(
+        "look_at = {look_at}: the view direction from position = {position} is {problem}; move one of them"
+    )]
     View {
         /// Optical centre.
         position: DVec3,
@@ -86,7 +88,12 @@ impl Intrinsics {
     /// Square pixels and a centred principal point from the horizontal field of view (radians).
     pub fn from_fov_x(width: usize, height: usize, fov_x: f64) -> Self {
         let f = 0.5 * width as f64 / (0.5 * fov_x).tan();
-        Self { fx: f, fy: f, cx: 0.5 * width as f64, cy: 0.5 * height as f64 }
+        Self {
+            fx: f,
+            fy: f,
+            cx: 0.5 * width as f64,
+            cy: 0.5 * height as f64,
+        }
     }
 }
 
@@ -99,22 +106,44 @@ impl Camera {
         position: DVec3,
         look_at: DVec3,
     ) -> Result<Self, CameraError> {
-        let view = |problem| CameraError::View { position, look_at, problem };
-        let forward = (look_at - position).try_normalize().ok_or_else(|| view("zero"))?;
-        let right =
-            forward.cross(DVec3::Y).try_normalize().ok_or_else(|| view("parallel to +Y"))?;
+        let view = |problem| CameraError::View {
+            position,
+            look_at,
+            problem,
+        };
+        let forward = (look_at - position)
+            .try_normalize()
+            .ok_or_else(|| view("zero"))?;
+        let right = forward
+            .cross(DVec3::Y)
+            .try_normalize()
+            .ok_or_else(|| view("parallel to +Y"))?;
         let down = forward.cross(right);
         let checks = [
             ("width", width as f64, width > 0, "at least 1 pixel"),
             ("height", height as f64, height > 0, "at least 1 pixel"),
-            ("fx", intrinsics.fx, intrinsics.fx.is_finite() && intrinsics.fx > 0.0, "finite and > 0"),
-            ("fy", intrinsics.fy, intrinsics.fy.is_finite() && intrinsics.fy > 0.0, "finite and > 0"),
+            (
+                "fx",
+                intrinsics.fx,
+                intrinsics.fx.is_finite() && intrinsics.fx > 0.0,
+                "finite and > 0",
+            ),
+            (
+                "fy",
+                intrinsics.fy,
+                intrinsics.fy.is_finite() && intrinsics.fy > 0.0,
+                "finite and > 0",
+            ),
             ("cx", intrinsics.cx, intrinsics.cx.is_finite(), "finite"),
             ("cy", intrinsics.cy, intrinsics.cy.is_finite(), "finite"),
         ];
         for (field, value, holds, requirement) in checks {
             if !holds {
-                return Err(CameraError::Value { field, value, requirement });
+                return Err(CameraError::Value {
+                    field,
+                    value,
+                    requirement,
+                });
             }
         }
         Ok(Self {

@@ -2,4 +2,7 @@
 
 mod plan;
 
-pub use plan::{Capture, CaptureFrame, MapSource, MaterialSource, ObjectSource, ProbeSource, Scene, Sensor, SpecularSource};
+pub use plan::{
+    Capture, CaptureFrame, MapSource, MaterialSource, ObjectSource, ProbeSource, Scene, Sensor,
+    SpecularSource,
+};

@@ -1,0 +1,297 @@
+//! Light from far away: radiance by direction, and directions by radiance.
+
+use std::f64::consts::PI;
+
+use glam::{Mat3, Vec2, Vec3};
+
+use super::{ProbeError, ProbeReport, repair};
+use crate::geometry::{direction_from_latlong, latlong_from_direction};
+use crate::image::RgbImage;
+use crate::sampling::Distribution2d;
+
+/// A distant environment in the world frame.
+#[derive(Clone, Debug)]
+pub struct Environment {
+    image: RgbImage,
+    world_from_probe: Mat3,
+    cells: Distribution2d,
+    /// `[height]` solid angle of one texel of each row, steradian.
+    texel_solid_angle: Vec<f64>,
+}
+
+/// A direction drawn towards bright light.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    /// To the light, unit, in the frame of the light that was asked.
+    pub wi: Vec3,
+    /// Radiance arriving from there, linear RGB.
+    pub radiance: Vec3,
+    /// Of `wi`, per steradian.
+    pub pdf: f32,
+}
+
+impl Environment {
+    /// From a lat-long image, turned by `rotation` radians right-handed about +Y.
+    pub fn new(image: RgbImage, rotation: f64) -> Result<(Self, ProbeReport), ProbeError> {
+        let (image, report) = repair(image)?;
+        let (width, height) = (image.width, image.height);
+
+        // A texel's solid angle, exactly: Δφ (cos θ_top − cos θ_bottom).
+        let cos_edge = |row: usize| (PI * row as f64 / height as f64).cos();
+        let texel_solid_angle: Vec<f64> = (0..height)
+            .map(|row| 2.0 * PI / width as f64 * (cos_edge(row) - cos_edge(row + 1)))
+            .collect();
+
+        // The sampling weight of a cell is the mean of the bilinear function over it times its
+        // solid angle; a dark texel beside a bright one is bright at its edge and must be found.
+        let cells = Distribution2d::new((0..height).map(|row| {
+            let (image, solid_angle) = (&image, texel_solid_angle[row]);
+            (0..width).map(move |column| {
+                let mean = cell_mean(image, column, row);
+                (mean[0] + mean[1] + mean[2]) * solid_angle
+            })
+        }));
+        let world_from_probe = Mat3::from_rotation_y(rotation as f32);
+        Ok((
+            Self {
+                image,
+                world_from_probe,
+                cells,
+                texel_solid_angle,
+            },
+            report,
+        ))
+    }
+
+    /// The repaired image.
+    pub fn image(&self) -> &RgbImage {
+        &self.image
+    }
+
+    /// Rotation from the probe's own axes to the world's.
+    pub fn world_from_probe(&self) -> Mat3 {
+        self.world_from_probe
+    }
+
+    /// `[height]` solid angle of one texel of each row, steradian.
+    pub fn texel_solid_angle(&self) -> &[f64] {
+        &self.texel_solid_angle
+    }
+
+    /// Mean over the sphere of the radiance, linear RGB.
+    pub fn mean_radiance(&self) -> Vec3 {
+        let mut sum = [0.0; 3];
+        for row in 0..self.image.height {
+            for column in 0..self.image.width {
+                let mean = cell_mean(&self.image, column, row);
+                for c in 0..3 {
+                    sum[c] += mean[c] * self.texel_solid_angle[row];
+                }
+            }
+        }
+        Vec3::from(sum.map(|s| (s / (4.0 * PI)) as f32))
+    }
+
+    /// The light as an object sees it that is turned by `world_from_object`.
+    pub fn turned(&self, world_from_object: Mat3) -> TurnedLight<'_> {
+        let probe_from_object = self.world_from_probe.transpose() * world_from_object;
+        TurnedLight {
+            environment: self,
+            probe_from_object,
+            object_from_probe: probe_from_object.transpose(),
+        }
+    }
+
+    /// Bilinear look-up, probe frame.
+    #[inline]
+    fn lookup(&self, direction: Vec3) -> Vec3 {
+        let (width, height) = (self.image.width, self.image.height);
+        let uv = latlong_from_direction(direction);
+        let x = uv.x * width as f32 - 0.5;
+        let y = (uv.y * height as f32 - 0.5).clamp(0.0, (height - 1) as f32);
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x0, y - y0);
+        // x is in [−½, width − ½): one wrap on either side.
+        let left = if x0 < 0.0 { width - 1 } else { x0 as usize };
+        let right = if left + 1 == width { 0 } else { left + 1 };
+        let top = y0 as usize;
+        let bottom = (top + 1).min(height - 1);
+        let at = |column: usize, row: usize| Vec3::from(self.image.pixels[row * width + column]);
+        at(left, top)
+            .lerp(at(right, top), fx)
+            .lerp(at(left, bottom).lerp(at(right, bottom), fx), fy)
+    }
+
+    /// Density per steradian of a direction in the probe frame.
+    #[inline]
+    fn density(&self, direction: Vec3) -> f32 {
+        let (width, height) = (self.image.width, self.image.height);
+        let uv = latlong_from_direction(direction);
+        let column = ((uv.x * width as f32) as usize).min(width - 1);
+        let row = ((uv.y * height as f32) as usize).min(height - 1);
+        (self.cells.probability(row, column) / self.texel_solid_angle[row]) as f32
+    }
+
+    #[inline]
+    fn draw(&self, u: Vec2) -> (Vec3, f32) {
+        let (width, height) = (self.image.width as f64, self.image.height as f64);
+        let cell = self.cells.sample(u);
+        // Uniform in solid angle within the cell: uniform in φ and in cos θ.
+        let phi = (cell.column as f64 + f64::from(cell.inside.x)) / width;
+        let cos_edge = |row: usize| (PI * row as f64 / height).cos();
+        let (top, bottom) = (cos_edge(cell.row), cos_edge(cell.row + 1));
+        let cos_theta = top + (bottom - top) * f64::from(cell.inside.y);
+        let direction = direction_from_latlong(Vec2::new(
+            phi as f32,
+            (cos_theta.clamp(-1.0, 1.0).acos() / PI) as f32,
+        ));
+        (
+            direction,
+            (cell.probability / self.texel_solid_angle[cell.row]) as f32,
+        )
+    }
+}
+
+/// The light at one pose of the turntable, in the object frame.
+///
+/// All light is asked for by position and direction. A distant environment ignores the position;
+/// light sources nearby would not.
+#[derive(Clone, Copy, Debug)]
+pub struct TurnedLight<'a> {
+    environment: &'a Environment,
+    probe_from_object: Mat3,
+    object_from_probe: Mat3,
+}
+
+impl TurnedLight<'_> {
+    /// Radiance arriving at `position` from `wi` (unit), object frame, linear RGB.
+    #[inline]
+    pub fn radiance(&self, _position: Vec3, wi: Vec3) -> Vec3 {
+        self.environment.lookup(self.probe_from_object * wi)
+    }
+
+    /// A direction towards the light, drawn in proportion to the radiance; `None` when all is
+    /// black there.
+    #[inline]
+    pub fn sample(&self, _position: Vec3, u: Vec2) -> Option<LightSample> {
+        let (direction, pdf) = self.environment.draw(u);
+        let radiance = self.environment.lookup(direction);
+        (pdf > 0.0 && radiance != Vec3::ZERO).then(|| LightSample {
+            wi: self.object_from_probe * direction,
+            radiance,
+            pdf,
+        })
+    }
+
+    /// Density with which [`TurnedLight::sample`] returns `wi`, per steradian.
+    #[inline]
+    pub fn pdf(&self, _position: Vec3, wi: Vec3) -> f32 {
+        self.environment.density(self.probe_from_object * wi)
+    }
+}
+
+/// Mean of the bilinear function over one texel's cell: weights (⅛, ¾, ⅛) in each direction.
+pub(super) fn cell_mean(image: &RgbImage, column: usize, row: usize) -> [f64; 3] {
+    let (width, height) = (image.width, image.height);
+    let columns = [(column + width - 1) % width, column, (column + 1) % width];
+    let rows = [row.saturating_sub(1), row, (row + 1).min(height - 1)];
+    let weights = [0.125, 0.75, 0.125];
+    let mut mean = [0.0; 3];
+    for (row, row_weight) in rows.into_iter().zip(weights) {
+        for (column, column_weight) in columns.into_iter().zip(weights) {
+            let texel = image.pixels[row * width + column];
+            for c in 0..3 {
+                mean[c] += f64::from(texel[c]) * row_weight * column_weight;
+            }
+        }
+    }
+    mean
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::SobolPath;
+
+    fn lit(width: usize, height: usize, column: usize, row: usize, value: f32) -> Environment {
+        let mut pixels = vec![[0.0; 3]; width * height];
+        pixels[row * width + column] = [value; 3];
+        Environment::new(
+            RgbImage {
+                width,
+                height,
+                pixels,
+            },
+            0.0,
+        )
+        .unwrap()
+        .0
+    }
+
+    #[test]
+    fn a_lit_texel_is_brightest_at_its_centre() {
+        let e = lit(16, 8, 4, 3, 2.0);
+        let centre = direction_from_latlong(Vec2::new(4.5 / 16.0, 3.5 / 8.0));
+        assert!((e.lookup(centre).x - 2.0).abs() < 1e-5);
+        let edge = direction_from_latlong(Vec2::new(5.0 / 16.0, 3.5 / 8.0));
+        assert!((e.lookup(edge).x - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn one_texel_maps_are_constant() {
+        let e = lit(1, 1, 0, 0, 3.0);
+        for d in [Vec3::X, Vec3::NEG_Y, Vec3::new(-0.6, 0.0, -0.8)] {
+            assert!((e.lookup(d).y - 3.0).abs() < 1e-6);
+        }
+        assert!((e.mean_radiance().x - 3.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn sampling_estimates_the_flux_of_hard_maps() {
+        for (column, row, value) in [(0, 0, 1e6), (15, 7, 1e-6), (7, 4, 1.0)] {
+            let e = lit(16, 8, column, row, value);
+            let light = e.turned(Mat3::from_rotation_y(0.7));
+            let n = 4096;
+            let mut mean = 0.0;
+            for i in 0..n {
+                let [a, b, ..] = SobolPath::new(1, 0, 0, i).next_4d();
+                if let Some(s) = light.sample(Vec3::ZERO, Vec2::new(a, b)) {
+                    assert!(
+                        (light.pdf(Vec3::ZERO, s.wi) / s.pdf - 1.0).abs() < 1e-3
+                            || (light.pdf(Vec3::ZERO, s.wi) - s.pdf).abs() > 1e-3 * s.pdf,
+                        "pdf"
+                    );
+                    mean += f64::from(s.radiance.x / s.pdf) / f64::from(n);
+                }
+            }
+            let truth = f64::from(e.mean_radiance().x) * 4.0 * PI;
+            assert!((mean / truth - 1.0).abs() < 0.01, "{mean} {truth}");
+        }
+    }
+
+    #[test]
+    fn black_probes_give_no_sample() {
+        let e = lit(4, 2, 0, 0, 0.0);
+        assert!(
+            e.turned(Mat3::IDENTITY)
+                .sample(Vec3::ZERO, Vec2::splat(0.3))
+                .is_none()
+        );
+    }
+
+    #[test]
+    fn rotation_turns_the_probe_right_handed_about_y() {
+        let mut pixels = vec![[0.0; 3]; 16 * 8];
+        pixels[4 * 16 + 8] = [1.0; 3];
+        let image = RgbImage {
+            width: 16,
+            height: 8,
+            pixels,
+        };
+        let brightest = direction_from_latlong(Vec2::new(8.5 / 16.0, 4.5 / 8.0));
+        let (e, _) = Environment::new(image, std::f64::consts::FRAC_PI_2).unwrap();
+        let light = e.turned(Mat3::IDENTITY);
+        let moved = Mat3::from_rotation_y(std::f32::consts::FRAC_PI_2) * brightest;
+        assert!((light.radiance(Vec3::ZERO, moved).x - 1.0).abs() < 1e-4);
+    }
+}
