@@ -1,0 +1,141 @@
+//! Surface points: where on a mesh materials are measured, and which points neighbour which.
+
+use glam::{Vec2, Vec3};
+
+use super::{Mesh, topology};
+
+/// A point of the surface at which a material is measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Mesh frame.
+    pub position: Vec3,
+    /// Unit shading normal.
+    pub normal: Vec3,
+    /// The triangle it lies on.
+    pub triangle: u32,
+    /// `(b1, b2)` in that triangle.
+    pub barycentric: Vec2,
+    /// Texture coordinate, (0, 0) at the top left of the image.
+    pub uv: Option<Vec2>,
+}
+
+/// One point a vertex, in the vertices' order.
+///
+/// The triangle is the first that uses the vertex; a loaded mesh has one for every vertex. The
+/// normal is the vertex's own, also on a flat mesh.
+pub fn vertex_points(mesh: &Mesh) -> Vec<SurfacePoint> {
+    let mut place = vec![(0, Vec2::ZERO); mesh.positions.len()];
+    for (triangle, corners) in mesh.triangles.iter().enumerate().rev() {
+        for (vertex, barycentric) in corners.iter().zip([Vec2::ZERO, Vec2::X, Vec2::Y]) {
+            place[*vertex as usize] = (triangle as u32, barycentric);
+        }
+    }
+    place
+        .into_iter()
+        .enumerate()
+        .map(|(vertex, (triangle, barycentric))| SurfacePoint {
+            position: mesh.positions[vertex],
+            normal: mesh.normals[vertex],
+            triangle,
+            barycentric,
+            uv: mesh.uvs.as_ref().map(|uvs| uvs[vertex]),
+        })
+        .collect()
+}
+
+/// Which vertices edges join, with seams closed.
+#[derive(Clone, Debug)]
+pub struct Neighbours {
+    /// `[V]` the first vertex at the same position; vertices that share it are one point.
+    pub weld: Vec<u32>,
+    /// `[V + 1]` where each welded vertex's neighbours start.
+    starts: Vec<u32>,
+    /// All neighbours, one vertex after the other.
+    joined: Vec<u32>,
+}
+
+impl Neighbours {
+    /// The vertices that an edge joins to `vertex` (each the first at its position), ascending.
+    #[inline]
+    pub fn of(&self, vertex: u32) -> &[u32] {
+        let first = self.weld[vertex as usize] as usize;
+        &self.joined[self.starts[first] as usize..self.starts[first + 1] as usize]
+    }
+}
+
+/// The vertex adjacency of a mesh, over vertices welded by position.
+pub fn neighbours(mesh: &Mesh) -> Neighbours {
+    let weld = topology::weld(&mesh.positions);
+    let mut edges: Vec<(u32, u32)> = mesh
+        .triangles
+        .iter()
+        .flat_map(|corners| {
+            let [a, b, c] = corners.map(|vertex| weld[vertex as usize]);
+            [(a, b), (b, c), (c, a), (b, a), (c, b), (a, c)]
+        })
+        .collect();
+    edges.sort_unstable();
+    edges.dedup();
+    let mut starts = vec![0u32; mesh.positions.len() + 1];
+    for (from, _) in &edges {
+        starts[*from as usize + 1] += 1;
+    }
+    for vertex in 1..starts.len() {
+        starts[vertex] += starts[vertex - 1];
+    }
+    Neighbours {
+        weld,
+        starts,
+        joined: edges.into_iter().map(|(_, to)| to).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sphere;
+    use super::*;
+
+    #[test]
+    fn vertex_points_are_the_vertices() {
+        let mesh = sphere(4).into_mesh().unwrap();
+        let points = vertex_points(&mesh);
+        assert_eq!(points.len(), mesh.positions.len());
+        for (vertex, point) in points.iter().enumerate() {
+            assert_eq!(
+                mesh.position_at(point.triangle, point.barycentric),
+                mesh.positions[vertex]
+            );
+            assert_eq!(point.normal, mesh.normals[vertex]);
+            assert_eq!(point.uv, mesh.uv_at(point.triangle, point.barycentric));
+        }
+    }
+
+    #[test]
+    fn neighbours_close_the_seam_and_are_mutual() {
+        let mesh = sphere(4).into_mesh().unwrap();
+        let neighbours = neighbours(&mesh);
+        let mut edges = 0;
+        for vertex in 0..mesh.positions.len() as u32 {
+            let around = neighbours.of(vertex);
+            assert!(
+                around.len() == 4 || around.len() == 6,
+                "the octahedron's corners have four"
+            );
+            for &other in around {
+                assert_eq!(neighbours.weld[other as usize], other);
+                assert!(
+                    neighbours
+                        .of(other)
+                        .contains(&neighbours.weld[vertex as usize])
+                );
+            }
+            edges += if neighbours.weld[vertex as usize] == vertex {
+                around.len()
+            } else {
+                0
+            };
+        }
+        // Every edge of a closed surface is shared by two triangles.
+        assert_eq!(edges, 3 * mesh.triangles.len());
+    }
+}
