@@ -31,7 +31,10 @@ use turnlight::geometry::{Frame, Local, Ray, offset_origin};
 const CHUNK: usize = 4096;
 
 fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
+    let arguments: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|a| a != "--bench")
+        .collect();
     let quick = arguments.iter().any(|a| a == "--quick");
     let side = if quick { 256 } else { 768 };
     let rounds = if quick { 3 } else { 7 };
@@ -41,7 +44,11 @@ fn main() {
         meshes.push(("icosphere 1.3 M".to_owned(), bumpy_icosphere(8)));
     }
     let default = "../shared/data/meshes/spot/spot_triangulated.obj".to_owned();
-    for path in arguments.iter().filter(|a| !a.starts_with("--")).chain([&default]) {
+    for path in arguments
+        .iter()
+        .filter(|a| !a.starts_with("--"))
+        .chain([&default])
+    {
         match tobj::load_obj(path, &tobj::GPU_LOAD_OPTIONS) {
             Ok((models, _)) => meshes.push((path.clone(), joined(&models))),
             Err(error) => println!("{path}: {error}"),
@@ -67,18 +74,34 @@ type Answer<'a> = Box<dyn Fn(&[Ray], Query) -> usize + Sync + 'a>;
 fn bench_mesh(positions: &[Vec3], triangles: &[[u32; 3]], side: usize, rounds: usize) {
     let (accel, seconds) = timed(|| Accel::build(positions, triangles));
     println!("  build: turnlight {seconds:.3} s");
-    let mut engines: Vec<(&str, Answer)> = vec![("turnlight", Box::new(|rays, query| count(rays, query,
-        |ray| accel.closest_hit(ray, f32::INFINITY).is_some(),
-        |ray| accel.occluded(ray, f32::INFINITY))))];
+    let mut engines: Vec<(&str, Answer)> = vec![(
+        "turnlight",
+        Box::new(|rays, query| {
+            count(
+                rays,
+                query,
+                |ray| accel.closest_hit(ray, f32::INFINITY).is_some(),
+                |ray| accel.occluded(ray, f32::INFINITY),
+            )
+        }),
+    )];
 
     #[cfg(feature = "embree")]
     for (name, mode) in [("Embree fast", Mode::Fast), ("Embree robust", Mode::Robust)] {
         match timed(|| Embree::build(positions, triangles, mode)) {
             (Ok(embree), seconds) => {
                 println!("  build: {name} {seconds:.3} s");
-                engines.push((name, Box::new(move |rays, query| count(rays, query,
-                    |ray| embree.closest_hit(ray, f32::INFINITY).is_some(),
-                    |ray| embree.occluded(ray, f32::INFINITY)))));
+                engines.push((
+                    name,
+                    Box::new(move |rays, query| {
+                        count(
+                            rays,
+                            query,
+                            |ray| embree.closest_hit(ray, f32::INFINITY).is_some(),
+                            |ray| embree.occluded(ray, f32::INFINITY),
+                        )
+                    }),
+                ));
             }
             (Err(error), _) => println!("  {name}: {error}"),
         }
@@ -87,8 +110,14 @@ fn bench_mesh(positions: &[Vec3], triangles: &[[u32; 3]], side: usize, rounds: u
         let (obvhs, seconds) = timed(|| Obvhs::build(positions, triangles));
         println!("  build: obvhs BVH2 and CWBVH {seconds:.3} s");
         let (bvh2, cwbvh) = (obvhs.clone(), obvhs);
-        engines.push(("obvhs BVH2", Box::new(move |rays, query| bvh2.binary(rays, query))));
-        engines.push(("obvhs CWBVH", Box::new(move |rays, query| cwbvh.wide(rays, query))));
+        engines.push((
+            "obvhs BVH2",
+            Box::new(move |rays, query| bvh2.binary(rays, query)),
+        ));
+        engines.push((
+            "obvhs CWBVH",
+            Box::new(move |rays, query| cwbvh.wide(rays, query)),
+        ));
     }
 
     println!("  Mrays/s {:>30} {:>10}", "1 thread", "all threads");
@@ -97,10 +126,15 @@ fn bench_mesh(positions: &[Vec3], triangles: &[[u32; 3]], side: usize, rounds: u
         let mut hits = vec![0; engines.len()];
         for _ in 0..rounds {
             for (engine, (_, answer)) in engines.iter().enumerate() {
-                let (count, serial) =
-                    timed(|| rays.chunks(CHUNK).map(|chunk| answer(chunk, query)).sum::<usize>());
+                let (count, serial) = timed(|| {
+                    rays.chunks(CHUNK)
+                        .map(|chunk| answer(chunk, query))
+                        .sum::<usize>()
+                });
                 let (_, parallel) = timed(|| {
-                    rays.par_chunks(CHUNK).map(|chunk| answer(chunk, query)).sum::<usize>()
+                    rays.par_chunks(CHUNK)
+                        .map(|chunk| answer(chunk, query))
+                        .sum::<usize>()
                 });
                 hits[engine] = count;
                 best[engine] = [best[engine][0].min(serial), best[engine][1].min(parallel)];
@@ -152,7 +186,10 @@ fn ray_sets(
             let x = ((pixel % side) as f32 + random.next()) / side as f32 - 0.5;
             let y = ((pixel / side) as f32 + random.next()) / side as f32 - 0.5;
             let direction = camera.from_local(Local(Vec3::new(0.85 * x, 0.85 * y, -1.0)));
-            Ray { origin: eye, direction: direction.normalize() }
+            Ray {
+                origin: eye,
+                direction: direction.normalize(),
+            }
         })
         .collect();
 
@@ -161,7 +198,11 @@ fn ray_sets(
             let hit = accel.closest_hit(ray, f32::INFINITY)?;
             let [a, b, c] = triangles[hit.triangle as usize].map(|v| positions[v as usize]);
             let normal = (b - a).cross(c - a).normalize();
-            let normal = if normal.dot(ray.direction) > 0.0 { -normal } else { normal };
+            let normal = if normal.dot(ray.direction) > 0.0 {
+                -normal
+            } else {
+                normal
+            };
             Some((offset_origin(ray.at(hit.t), normal), Frame::about(normal)))
         })
         .collect();
@@ -169,15 +210,25 @@ fn ray_sets(
         let (radius, phi) = (random.next().sqrt(), 2.0 * PI * random.next());
         let z = (1.0 - radius * radius).max(0.0).sqrt();
         let local = Local(Vec3::new(radius * phi.cos(), radius * phi.sin(), z));
-        Ray { origin, direction: frame.from_local(local).normalize() }
+        Ray {
+            origin,
+            direction: frame.from_local(local).normalize(),
+        }
     };
     let incoherent: Vec<Ray> = surface.iter().map(&mut bounce).collect();
     let bundles: Vec<Ray> = (surface.iter().step_by(surface.len() / 256 + 1))
         .flat_map(|point| (0..2000).map(|_| bounce(point)).collect::<Vec<_>>())
         .collect();
-    let lights = [Vec3::new(3.0, 2.0, 1.0), Vec3::new(-2.0, 1.0, 2.0), Vec3::new(0.0, 4.0, -1.0)];
+    let lights = [
+        Vec3::new(3.0, 2.0, 1.0),
+        Vec3::new(-2.0, 1.0, 2.0),
+        Vec3::new(0.0, 4.0, -1.0),
+    ];
     let shadow = (surface.iter().enumerate())
-        .map(|(i, &(origin, _))| Ray { origin, direction: lights[i % 3].normalize() })
+        .map(|(i, &(origin, _))| Ray {
+            origin,
+            direction: lights[i % 3].normalize(),
+        })
         .collect();
 
     let mut in_sphere = || loop {
@@ -189,7 +240,10 @@ fn ray_sets(
     let random_rays = (0..side * side)
         .map(|_| {
             let origin = in_sphere();
-            Ray { origin, direction: (in_sphere() - origin).normalize() }
+            Ray {
+                origin,
+                direction: (in_sphere() - origin).normalize(),
+            }
         })
         .collect();
     vec![
@@ -221,16 +275,42 @@ type Indexed = (Vec<Vec3>, Vec<[u32; 3]>);
 fn bumpy_icosphere(levels: usize) -> Indexed {
     let g = f32::midpoint(1.0, 5.0_f32.sqrt());
     let mut positions: Vec<Vec3> = [
-        (-1.0, g, 0.0), (1.0, g, 0.0), (-1.0, -g, 0.0), (1.0, -g, 0.0),
-        (0.0, -1.0, g), (0.0, 1.0, g), (0.0, -1.0, -g), (0.0, 1.0, -g),
-        (g, 0.0, -1.0), (g, 0.0, 1.0), (-g, 0.0, -1.0), (-g, 0.0, 1.0),
+        (-1.0, g, 0.0),
+        (1.0, g, 0.0),
+        (-1.0, -g, 0.0),
+        (1.0, -g, 0.0),
+        (0.0, -1.0, g),
+        (0.0, 1.0, g),
+        (0.0, -1.0, -g),
+        (0.0, 1.0, -g),
+        (g, 0.0, -1.0),
+        (g, 0.0, 1.0),
+        (-g, 0.0, -1.0),
+        (-g, 0.0, 1.0),
     ]
     .map(|(x, y, z)| Vec3::new(x, y, z).normalize())
     .to_vec();
     let mut triangles: Vec<[u32; 3]> = vec![
-        [0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4],
-        [11, 10, 2], [10, 7, 6], [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9],
-        [4, 9, 5], [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1],
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
     ];
     for _ in 0..levels {
         let mut middles = HashMap::new();
@@ -259,9 +339,13 @@ fn joined(models: &[tobj::Model]) -> Indexed {
     let mut joined = Indexed::default();
     for model in models {
         let first = joined.0.len() as u32;
-        joined.0.extend(model.mesh.positions.chunks_exact(3).map(Vec3::from_slice));
+        joined
+            .0
+            .extend(model.mesh.positions.chunks_exact(3).map(Vec3::from_slice));
         let corners = model.mesh.indices.chunks_exact(3);
-        joined.1.extend(corners.map(|t| [t[0] + first, t[1] + first, t[2] + first]));
+        joined
+            .1
+            .extend(corners.map(|t| [t[0] + first, t[1] + first, t[2] + first]));
     }
     joined
 }
@@ -285,7 +369,10 @@ impl Obvhs {
         let bvh2 = build_bvh2_from_tris(&triangles, settings, &mut Duration::default());
         let cwbvh = build_cwbvh_from_tris(&triangles, settings, &mut Duration::default());
         let ordered = |indices: &[u32]| {
-            indices.iter().map(|&i| RtTriangle::from(&triangles[i as usize])).collect()
+            indices
+                .iter()
+                .map(|&i| RtTriangle::from(&triangles[i as usize]))
+                .collect()
         };
         Self {
             bvh2_triangles: ordered(&bvh2.primitive_indices),
@@ -297,16 +384,28 @@ impl Obvhs {
 
     fn binary(&self, rays: &[Ray], query: Query) -> usize {
         let test = |ray: &obvhs::ray::Ray, i: usize| self.bvh2_triangles[i].intersect(ray);
-        count(rays, query,
-            |ray| self.bvh2.ray_traverse(converted(ray), &mut RayHit::none(), test),
-            |ray| !self.bvh2.ray_traverse_miss(converted(ray), test))
+        count(
+            rays,
+            query,
+            |ray| {
+                self.bvh2
+                    .ray_traverse(converted(ray), &mut RayHit::none(), test)
+            },
+            |ray| !self.bvh2.ray_traverse_miss(converted(ray), test),
+        )
     }
 
     fn wide(&self, rays: &[Ray], query: Query) -> usize {
         let test = |ray: &obvhs::ray::Ray, i: usize| self.cwbvh_triangles[i].intersect(ray);
-        count(rays, query,
-            |ray| self.cwbvh.ray_traverse(converted(ray), &mut RayHit::none(), test),
-            |ray| !self.cwbvh.ray_traverse_miss(converted(ray), test))
+        count(
+            rays,
+            query,
+            |ray| {
+                self.cwbvh
+                    .ray_traverse(converted(ray), &mut RayHit::none(), test)
+            },
+            |ray| !self.cwbvh.ray_traverse_miss(converted(ray), test),
+        )
     }
 }
 

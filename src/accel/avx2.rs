@@ -58,7 +58,7 @@ fn inside(u: __m256, v: __m256, w: __m256) -> (__m256, __m256) {
 /// See [`super::portable::hit_pack`].
 #[inline]
 #[target_feature(enable = "avx2")]
-pub(super) fn hit_pack(pack: &Pack, ray: &PreparedRay, t_max: f32) -> PackHits {
+pub(super) fn hit_pack(pack: &Pack, ray: &PreparedRay, t_max: f32) -> Option<PackHits> {
     let [x, y, z] = ray.axes;
     let (along_x, along_y, along_z) = (&pack.vertices[x], &pack.vertices[y], &pack.vertices[z]);
     let origin = ray.axes.map(|axis| _mm256_set1_ps(ray.origin[axis]));
@@ -84,7 +84,7 @@ pub(super) fn hit_pack(pack: &Pack, ray: &PreparedRay, t_max: f32) -> PackHits {
     let [mut u, mut v, mut w] = [cross(c, b), cross(a, c), cross(b, a)];
     let (mut candidates, touching) = inside(u, v, w);
     if _mm256_movemask_ps(candidates) == 0 {
-        return PackHits::none();
+        return None;
     }
 
     // 3. Zero may be a rounded sign: decide it exactly.
@@ -114,11 +114,12 @@ pub(super) fn hit_pack(pack: &Pack, ray: &PreparedRay, t_max: f32) -> PackHits {
     );
     let proper = _mm256_cmp_ps::<_CMP_NEQ_UQ>(determinant, zero);
     let hit = _mm256_and_ps(_mm256_and_ps(candidates, proper), in_range);
-    PackHits {
-        mask: _mm256_movemask_ps(hit) as u32,
+    let mask = _mm256_movemask_ps(hit) as u32;
+    (mask != 0).then(|| PackHits {
+        mask,
         t: store(t),
         v: store(v),
         w: store(w),
         determinant: store(determinant),
-    }
+    })
 }

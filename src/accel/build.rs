@@ -9,7 +9,7 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use rayon::prelude::*;
 
-/// A mesh, trusted to be neither finite nor sensible.
+/// A mesh, which need be neither finite nor sensible.
 #[derive(Clone, Copy)]
 pub(super) struct Soup<'a> {
     pub(super) positions: &'a [Vec3],
@@ -69,7 +69,10 @@ pub(super) fn binary_tree(soup: Soup) -> BinaryTree {
     for (index, key) in keys.iter().enumerate() {
         match groups.last_mut() {
             Some(group) if keys[group.first as usize] >> 32 == key >> 32 => group.count += 1,
-            _ => groups.push(Group { first: index as u32, count: 1 }),
+            _ => groups.push(Group {
+                first: index as u32,
+                count: 1,
+            }),
         }
     }
 
@@ -77,26 +80,44 @@ pub(super) fn binary_tree(soup: Soup) -> BinaryTree {
     let boxes: Vec<(Vec3, Vec3)> = (groups.par_iter())
         .map(|group| {
             let range = group.first as usize..(group.first + group.count) as usize;
-            enclose(members[range].iter().map(|&triangle| padded_box(soup.corners(triangle))))
+            enclose(
+                members[range]
+                    .iter()
+                    .map(|&triangle| padded_box(soup.corners(triangle))),
+            )
         })
         .collect();
     let (lower, upper) = enclose(boxes.iter().copied());
     let largest = lower.abs().max(upper.abs()).max_element();
-    let scale = if boxes.is_empty() { 1.0 } else { (-largest.log2().floor()).clamp(-126.0, 126.0).exp2() };
+    let scale = if boxes.is_empty() {
+        1.0
+    } else {
+        (-largest.log2().floor()).clamp(-126.0, 126.0).exp2()
+    };
     let boxes: Vec<Aabb> = (boxes.iter())
         .map(|&(lower, upper)| Aabb::new(Vec3A::from(lower * scale), Vec3A::from(upper * scale)))
         .collect();
 
-    let settings = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::medium_build() };
-    let tree = build_bvh2(&boxes, settings, &mut Duration::ZERO.clone());
-    BinaryTree { tree, scale, groups, members }
+    let settings = BvhBuildParams {
+        max_prims_per_leaf: 1,
+        ..BvhBuildParams::medium_build()
+    };
+    let tree = build_bvh2(&boxes, settings, &mut Duration::default());
+    BinaryTree {
+        tree,
+        scale,
+        groups,
+        members,
+    }
 }
 
 /// Sorts by twice the centre of the box, then by index.
 fn centre_key([a, b, c]: [Vec3; 3], index: u32) -> u128 {
     let twice_centre = a.min(b).min(c) + a.max(b).max(c);
     // + 0.0 makes −0 and 0 the same.
-    let [x, y, z] = (twice_centre + 0.0).to_array().map(|v| u128::from(v.to_bits()));
+    let [x, y, z] = (twice_centre + 0.0)
+        .to_array()
+        .map(|v| u128::from(v.to_bits()));
     x << 96 | y << 64 | z << 32 | u128::from(index)
 }
 
@@ -110,15 +131,24 @@ fn padded_box([a, b, c]: [Vec3; 3]) -> (Vec3, Vec3) {
     let (lower, upper) = (a.min(b).min(c), a.max(b).max(c));
     let pad = Vec3::splat(PAD * (upper - lower).max_element());
     let outwards = |v: Vec3, step: fn(f32) -> f32| Vec3::from_array(v.to_array().map(step));
-    (outwards(lower - pad, f32::next_down), outwards(upper + pad, f32::next_up))
+    (
+        outwards(lower - pad, f32::next_down),
+        outwards(upper + pad, f32::next_up),
+    )
 }
 
 /// The box of all `boxes`.
 pub(super) fn enclose(boxes: impl Iterator<Item = (Vec3, Vec3)>) -> (Vec3, Vec3) {
-    boxes.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |all, one| (all.0.min(one.0), all.1.max(one.1)))
+    boxes.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |all, one| {
+        (all.0.min(one.0), all.1.max(one.1))
+    })
 }
 
 /// The box of some triangles of a group.
 pub(super) fn box_of(soup: Soup, members: &[u32]) -> (Vec3, Vec3) {
-    enclose(members.iter().map(|&triangle| padded_box(soup.corners(triangle))))
+    enclose(
+        members
+            .iter()
+            .map(|&triangle| padded_box(soup.corners(triangle))),
+    )
 }

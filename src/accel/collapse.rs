@@ -16,7 +16,7 @@ use super::build::{BinaryTree, Soup, box_of, enclose};
 use super::wide_tree::{Child, Node, Pack, WIDTH, WideTree};
 
 /// Cost of testing the triangles of a pack, in tests of a node.
-const PACK_COST: f32 = 1.0;
+const PACK_COST: f32 = 0.8;
 
 /// The best division of one binary subtree.
 #[derive(Clone, Copy, Default)]
@@ -40,18 +40,27 @@ enum Subtree {
 
 /// Collapses `binary` over the triangles of `soup`.
 pub(super) fn collapse(soup: Soup, binary: &BinaryTree) -> WideTree {
-    let mut tree = WideTree { root: Child::NONE, nodes: Vec::new(), packs: Vec::new() };
+    let mut tree = WideTree {
+        root: Child::NONE,
+        nodes: Vec::new(),
+        packs: Vec::new(),
+    };
     if binary.groups.is_empty() {
         return tree;
     }
     let plans = plan(binary);
-    let collapse = Collapse { soup, binary, plans };
+    let collapse = Collapse {
+        soup,
+        binary,
+        plans,
+    };
 
     // Depth first; each task knows the slot of its parent that it fills.
     let mut tasks: Vec<(Subtree, Option<(usize, usize)>)> = vec![(Subtree::Binary(0), None)];
     while let Some((subtree, place)) = tasks.pop() {
         let child = if let Some(triangles) = collapse.as_pack(subtree) {
-            tree.packs.push(Pack::of(&triangles, |triangle| soup.corners(triangle)));
+            tree.packs
+                .push(Pack::of(&triangles, |triangle| soup.corners(triangle)));
             Child::pack(tree.packs.len() - 1)
         } else {
             let index = tree.nodes.len();
@@ -81,7 +90,10 @@ fn plan(binary: &BinaryTree) -> Vec<Plan> {
     while let Some(index) = open.pop() {
         order.push(index);
         if !nodes[index as usize].is_leaf() {
-            open.extend([nodes[index as usize].first_index, nodes[index as usize].first_index + 1]);
+            open.extend([
+                nodes[index as usize].first_index,
+                nodes[index as usize].first_index + 1,
+            ]);
         }
     }
 
@@ -108,7 +120,10 @@ fn plan(binary: &BinaryTree) -> Vec<Plan> {
 
 /// The plan of an inner node of the binary tree.
 fn divide(area: f32, left: &Plan, right: &Plan) -> Plan {
-    let mut plan = Plan { triangles: left.triangles + right.triangles, ..Plan::default() };
+    let mut plan = Plan {
+        triangles: left.triangles + right.triangles,
+        ..Plan::default()
+    };
     let distribute = |slots: usize| {
         let mut best = (f32::INFINITY, 0);
         for k in 1..slots {
@@ -202,7 +217,10 @@ impl Collapse<'_> {
     /// Divides `slots` slots among the parts of binary subtree `index`.
     fn gather(&self, index: u32, slots: usize, children: &mut Vec<Subtree>) {
         let plan = &self.plans[index as usize];
-        let slots = (2..=slots).rev().find(|&slots| plan.left_slots[slots - 1] != 0).unwrap_or(1);
+        let slots = (2..=slots)
+            .rev()
+            .find(|&slots| plan.left_slots[slots - 1] != 0)
+            .unwrap_or(1);
         if slots == 1 {
             children.push(Subtree::Binary(index));
             return;
@@ -235,6 +253,9 @@ fn split_members(first: u32, count: u32, children: &mut Vec<Subtree>) {
     let packs = count.div_ceil(WIDTH as u32);
     let run = packs.div_ceil(WIDTH as u32) * WIDTH as u32;
     for start in (0..count).step_by(run as usize) {
-        children.push(Subtree::Members { first: first + start, count: run.min(count - start) });
+        children.push(Subtree::Members {
+            first: first + start,
+            count: run.min(count - start),
+        });
     }
 }

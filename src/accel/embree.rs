@@ -184,7 +184,11 @@ impl Embree {
                 release_device: *library.get(b"rtcReleaseDevice\0")?,
                 _library: library,
             };
-            if error == 0 { Ok(embree) } else { Err(EmbreeError::Embree(error)) }
+            if error == 0 {
+                Ok(embree)
+            } else {
+                Err(EmbreeError::Embree(error))
+            }
         }
     }
 

@@ -11,6 +11,8 @@ mod build;
 mod collapse;
 #[cfg(feature = "embree")]
 pub mod embree;
+#[cfg(test)]
+mod laws;
 mod portable;
 mod traverse;
 mod wide_tree;
@@ -67,9 +69,15 @@ impl Accel {
     /// Triangles that no ray can meet (a vertex that isn't finite or doesn't exist, or two equal
     /// vertices) are left out. The result depends on the mesh alone, not on the number of threads.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]]) -> Self {
-        let soup = build::Soup { positions, triangles };
+        let soup = build::Soup {
+            positions,
+            triangles,
+        };
         let tree = collapse::collapse(soup, &build::binary_tree(soup));
-        Self { tree, instructions: Instructions::best() }
+        Self {
+            tree,
+            instructions: Instructions::best(),
+        }
     }
 
     /// The nearest hit at `0 < t <= t_max`. Of hits at the same `t`, to the bit, the triangle of
@@ -80,7 +88,10 @@ impl Accel {
         match self.instructions {
             Instructions::Portable => closest_portable(&self.tree, &ray, t_max),
             #[cfg(target_arch = "x86_64")]
-            #[expect(unsafe_code, reason = "`Avx2` is only constructed where AVX2 was detected")]
+            #[expect(
+                unsafe_code,
+                reason = "`Avx2` is only constructed where AVX2 was detected"
+            )]
             // SAFETY: see the reason above.
             Instructions::Avx2 => unsafe { closest_avx2(&self.tree, &ray, t_max) },
         }
@@ -95,7 +106,10 @@ impl Accel {
         match self.instructions {
             Instructions::Portable => any_portable(&self.tree, &ray, t_max),
             #[cfg(target_arch = "x86_64")]
-            #[expect(unsafe_code, reason = "`Avx2` is only constructed where AVX2 was detected")]
+            #[expect(
+                unsafe_code,
+                reason = "`Avx2` is only constructed where AVX2 was detected"
+            )]
             // SAFETY: see the reason above.
             Instructions::Avx2 => unsafe { any_avx2(&self.tree, &ray, t_max) },
         }
@@ -104,12 +118,24 @@ impl Accel {
 
 #[inline(never)]
 fn closest_portable(tree: &WideTree, ray: &PreparedRay, t_max: f32) -> Option<Hit> {
-    traverse::closest(tree, ray, t_max, portable::enter_children, portable::hit_pack)
+    traverse::closest(
+        tree,
+        ray,
+        t_max,
+        portable::enter_children,
+        portable::hit_pack,
+    )
 }
 
 #[inline(never)]
 fn any_portable(tree: &WideTree, ray: &PreparedRay, t_max: f32) -> bool {
-    traverse::any(tree, ray, t_max, portable::enter_children, portable::hit_pack)
+    traverse::any(
+        tree,
+        ray,
+        t_max,
+        portable::enter_children,
+        portable::hit_pack,
+    )
 }
 
 // Closures written inside a function with target features have them too.

@@ -26,8 +26,14 @@ pub(super) fn enter_children(node: &Node, ray: &PreparedRay, t_max: f32) -> (u32
         let (entry, exit) = (&node.bounds[axis][side], &node.bounds[axis][side ^ 1]);
         for lane in 0..WIDTH {
             // A ray within a face has 0 · ∞ = NaN here, which leaves `near` and `far` as they are.
-            near[lane] = max((entry[lane] - ray.origin[axis]) * ray.inverse[axis], near[lane]);
-            far[lane] = min((exit[lane] - ray.origin[axis]) * ray.inverse[axis], far[lane]);
+            near[lane] = max(
+                (entry[lane] - ray.origin[axis]) * ray.inverse[axis],
+                near[lane],
+            );
+            far[lane] = min(
+                (exit[lane] - ray.origin[axis]) * ray.inverse[axis],
+                far[lane],
+            );
         }
     }
     let mut mask = 0;
@@ -39,9 +45,16 @@ pub(super) fn enter_children(node: &Node, ray: &PreparedRay, t_max: f32) -> (u32
 
 /// Where the ray meets the triangles of a pack at `0 < t <= t_max`.
 #[inline(always)]
-pub(super) fn hit_pack(pack: &Pack, ray: &PreparedRay, t_max: f32) -> PackHits {
+pub(super) fn hit_pack(pack: &Pack, ray: &PreparedRay, t_max: f32) -> Option<PackHits> {
     let [x, y, z] = ray.axes;
-    let mut hits = PackHits::none();
+    let zero = [0.0; WIDTH];
+    let mut hits = PackHits {
+        mask: 0,
+        t: zero,
+        v: zero,
+        w: zero,
+        determinant: zero,
+    };
     for lane in 0..WIDTH {
         // 1. Translate to the origin and shear, so that the ray is the z axis.
         let sheared = |vertex: usize| {
@@ -55,8 +68,11 @@ pub(super) fn hit_pack(pack: &Pack, ray: &PreparedRay, t_max: f32) -> PackHits {
         let [a, b, c] = [sheared(0), sheared(1), sheared(2)];
 
         // 2. The origin is inside if the edge functions have one sign.
-        let mut edges =
-            [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
+        let mut edges = [
+            c[0] * b[1] - c[1] * b[0],
+            a[0] * c[1] - a[1] * c[0],
+            b[0] * a[1] - b[1] * a[0],
+        ];
         let least = min(edges[0], min(edges[1], edges[2]));
         let greatest = max(edges[0], max(edges[1], edges[2]));
         let inside = least >= 0.0 || greatest <= 0.0;
@@ -87,5 +103,5 @@ pub(super) fn hit_pack(pack: &Pack, ray: &PreparedRay, t_max: f32) -> PackHits {
             hits.determinant[lane] = determinant;
         }
     }
-    hits
+    (hits.mask != 0).then_some(hits)
 }

@@ -19,11 +19,15 @@ struct Pending {
 }
 
 impl Pending {
-    const INLINE: usize = 64;
+    const INLINE: usize = 32;
 
     #[inline(always)]
     fn new() -> Self {
-        Self { slots: [0; Self::INLINE], filled: 0, spilled: Vec::new() }
+        Self {
+            slots: [0; Self::INLINE],
+            filled: 0,
+            spilled: Vec::new(),
+        }
     }
 
     #[inline(always)]
@@ -66,9 +70,14 @@ pub(super) fn closest(
     ray: &PreparedRay,
     t_max: f32,
     enter_children: impl Fn(&Node, &PreparedRay, f32) -> (u32, Lanes),
-    hit_pack: impl Fn(&Pack, &PreparedRay, f32) -> PackHits,
+    hit_pack: impl Fn(&Pack, &PreparedRay, f32) -> Option<PackHits>,
 ) -> Option<Hit> {
-    let mut best = Hit { t: t_max, triangle: u32::MAX, u: 0.0, v: 0.0 };
+    let mut best = Hit {
+        t: t_max,
+        triangle: u32::MAX,
+        u: 0.0,
+        v: 0.0,
+    };
     let mut pending = Pending::new();
     let mut current = tree.root;
     if current == Child::NONE {
@@ -77,19 +86,8 @@ pub(super) fn closest(
     loop {
         if let Some(index) = current.as_pack() {
             let pack = &tree.packs[index];
-            let hits = hit_pack(pack, ray, best.t);
-            let mut mask = hits.mask;
-            while mask != 0 {
-                let lane = mask.trailing_zeros() as usize % WIDTH;
-                mask &= mask - 1;
-                let (t, triangle) = (hits.t[lane], pack.triangles[lane]);
-                if t < best.t || (t == best.t && triangle < best.triangle) {
-                    let (u, v) = (
-                        hits.v[lane] / hits.determinant[lane],
-                        hits.w[lane] / hits.determinant[lane],
-                    );
-                    best = Hit { t, triangle, u, v };
-                }
+            if let Some(hits) = hit_pack(pack, ray, best.t) {
+                best = nearest_of(pack, &hits, best);
             }
         } else {
             let node = &tree.nodes[current.0 as usize];
@@ -108,6 +106,27 @@ pub(super) fn closest(
             }
         };
     }
+}
+
+/// The nearer of `best` and the hits of a pack.
+#[inline(always)]
+fn nearest_of(pack: &Pack, hits: &PackHits, mut best: Hit) -> Hit {
+    let mut mask = hits.mask;
+    while mask != 0 {
+        let lane = mask.trailing_zeros() as usize % WIDTH;
+        mask &= mask - 1;
+        let (t, triangle) = (hits.t[lane], pack.triangles[lane]);
+        if t < best.t || (t == best.t && triangle < best.triangle) {
+            let determinant = hits.determinant[lane];
+            best = Hit {
+                t,
+                triangle,
+                u: hits.v[lane] / determinant,
+                v: hits.w[lane] / determinant,
+            };
+        }
+    }
+    best
 }
 
 /// Returns the nearest of the children in `mask` and leaves the others pending, in order.
@@ -161,24 +180,30 @@ pub(super) fn any(
     ray: &PreparedRay,
     t_max: f32,
     enter_children: impl Fn(&Node, &PreparedRay, f32) -> (u32, Lanes),
-    hit_pack: impl Fn(&Pack, &PreparedRay, f32) -> PackHits,
+    hit_pack: impl Fn(&Pack, &PreparedRay, f32) -> Option<PackHits>,
 ) -> bool {
     let mut pending = Pending::new();
     let mut current = tree.root;
     if current == Child::NONE {
         return false;
     }
-    loop {
+    'walk: loop {
         if let Some(index) = current.as_pack() {
-            if hit_pack(&tree.packs[index], ray, t_max).mask != 0 {
+            if hit_pack(&tree.packs[index], ray, t_max).is_some() {
                 return true;
             }
         } else {
             let node = &tree.nodes[current.0 as usize];
-            let (mask, near) = enter_children(node, ray, t_max);
-            if mask != 0 {
-                current = nearest_first(node, mask, &near, &mut pending);
-                continue;
+            let (mut mask, _) = enter_children(node, ray, t_max);
+            while mask != 0 {
+                let slot = mask.trailing_zeros() as usize % WIDTH;
+                mask &= mask - 1;
+                let child = node.children[slot];
+                if mask == 0 {
+                    current = child;
+                    continue 'walk;
+                }
+                pending.push(Pending::entry(0.0, child));
             }
         }
         let Some((_, child)) = pending.pop() else {

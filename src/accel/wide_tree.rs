@@ -81,8 +81,10 @@ pub(super) struct Pack {
 impl Pack {
     /// The pack of `triangles`, indices in ascending order, at most eight.
     pub(super) fn of(triangles: &[u32], corners: impl Fn(u32) -> [Vec3; 3]) -> Self {
-        let mut pack =
-            Self { vertices: [[[f32::NAN; WIDTH]; 3]; 3], triangles: [u32::MAX; WIDTH] };
+        let mut pack = Self {
+            vertices: [[[f32::NAN; WIDTH]; 3]; 3],
+            triangles: [u32::MAX; WIDTH],
+        };
         for (lane, &triangle) in triangles.iter().enumerate() {
             pack.triangles[lane] = triangle;
             for (vertex, corner) in corners(triangle).into_iter().enumerate() {

@@ -13,7 +13,7 @@
 //! fused multiply-add would round one product and not the other. Where an edge function is exactly
 //! zero, its sign is decided in double precision, in which the products are exact.
 
-use super::wide_tree::{Lanes, Pack, WIDTH};
+use super::wide_tree::{Lanes, Pack};
 use crate::geometry::Ray;
 
 /// How much later than computed a ray may leave a box, relative to the distance.
@@ -57,11 +57,17 @@ impl PreparedRay {
             return None;
         }
         let (x, y) = ((z + 1) % 3, (z + 2) % 3);
-        let shear = [direction[x] / direction[z], direction[y] / direction[z], 1.0 / direction[z]];
+        let shear = [
+            direction[x] / direction[z],
+            direction[y] / direction[z],
+            1.0 / direction[z],
+        ];
         Some(Self {
             origin: ray.origin.to_array(),
             inverse: direction.recip().to_array(),
-            entry_side: direction.to_array().map(|d| usize::from(d.is_sign_negative())),
+            entry_side: direction
+                .to_array()
+                .map(|d| usize::from(d.is_sign_negative())),
             axes: [x, y, z],
             shear,
         })
@@ -71,7 +77,7 @@ impl PreparedRay {
 /// Where a ray meets the triangles of a pack. Lanes outside `mask` are meaningless.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PackHits {
-    /// Bit `i` is set if triangle `i` is hit within the range asked for.
+    /// Bit `i` is set if triangle `i` is hit within the range asked for; not 0.
     pub(super) mask: u32,
     /// Distance, in units of the ray's direction.
     pub(super) t: Lanes,
@@ -80,15 +86,6 @@ pub(super) struct PackHits {
     pub(super) w: Lanes,
     /// `U + V + W`, not zero.
     pub(super) determinant: Lanes,
-}
-
-impl PackHits {
-    /// No hit.
-    #[inline(always)]
-    pub(super) fn none() -> Self {
-        let zero = [0.0; WIDTH];
-        Self { mask: 0, t: zero, v: zero, w: zero, determinant: zero }
-    }
 }
 
 /// Edge functions `[U, V, W]` of one triangle of a pack, the products exact.
