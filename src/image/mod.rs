@@ -1,6 +1,24 @@
 //! Linear float images in memory, and their files: EXR, Radiance HDR, PNG, JPEG, TIFF.
+//!
+//! Samples pass through unchanged: NaN, infinite and negative ones too. Whoever uses an image knows
+//! what they mean there (a probe repairs and reports them, a comparison refuses them).
 
-use std::path::PathBuf;
+mod atomic;
+mod colormap;
+mod exr;
+#[cfg(test)]
+mod file_laws;
+mod read;
+mod tone;
+mod write;
+
+use std::path::{Path, PathBuf};
+
+pub use atomic::write_atomically;
+pub use colormap::viridis;
+pub use read::{MAX_PIXELS, read_exr_channels};
+pub use tone::{ToneCurve, luminance, srgb_decode, srgb_encode};
+pub use write::{encode_png, encode_png_bytes, write_exr, write_exr_channels, write_png};
 
 /// Linear RGB image; row 0 at the top, `pixels[y * width + x]`.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,4 +64,148 @@ pub enum ImageError {
         /// What the user can do.
         remedy: String,
     },
+}
+
+impl ImageError {
+    fn file(path: &Path, fault: Fault) -> Self {
+        Self::File {
+            path: path.to_owned(),
+            reason: fault.reason,
+            remedy: fault.remedy.to_owned(),
+        }
+    }
+}
+
+/// An [`ImageError`] before anyone knows which file it is about.
+struct Fault {
+    reason: String,
+    remedy: &'static str,
+}
+
+impl Fault {
+    fn new(reason: impl ToString, remedy: &'static str) -> Self {
+        Self {
+            reason: reason.to_string(),
+            remedy,
+        }
+    }
+
+    fn damaged(reason: impl ToString) -> Self {
+        Self::new(
+            reason,
+            "check that the file is complete, or export it again",
+        )
+    }
+
+    fn write(reason: impl ToString) -> Self {
+        Self::new(
+            reason,
+            "check that the folder exists, is writable and has space left",
+        )
+    }
+}
+
+impl RgbImage {
+    /// An image whose pixels are all `value`.
+    pub fn constant(width: usize, height: usize, value: [f32; 3]) -> Self {
+        Self {
+            width,
+            height,
+            pixels: vec![value; width * height],
+        }
+    }
+
+    /// An image with `pixels[y * width + x] = value(x, y)`.
+    pub fn from_fn(width: usize, height: usize, value: impl Fn(usize, usize) -> [f32; 3]) -> Self {
+        let pixels = (0..width * height)
+            .map(|i| value(i % width, i / width))
+            .collect();
+        Self {
+            width,
+            height,
+            pixels,
+        }
+    }
+
+    /// The image at texture coordinates (`u` right, `v` down, row 0 at v = 0), repeating.
+    ///
+    /// Bilinear between texel centres, which lie at half-integers: `u = (x + ½) / width`.
+    ///
+    /// # Panics
+    /// On an image without pixels; no reader returns one.
+    pub fn bilinear(&self, u: f64, v: f64) -> [f32; 3] {
+        let (x0, x1, fx) = neighbours(u, self.width);
+        let (y0, y1, fy) = neighbours(v, self.height);
+        let texel = |x: usize, y: usize| self.pixels[y * self.width + x];
+        let (top, bottom) = (
+            (texel(x0, y0), texel(x1, y0)),
+            (texel(x0, y1), texel(x1, y1)),
+        );
+        std::array::from_fn(|c| {
+            let upper = mix(top.0[c], top.1[c], fx);
+            let lower = mix(bottom.0[c], bottom.1[c], fx);
+            mix(upper, lower, fy)
+        })
+    }
+}
+
+/// The two texels either side of coordinate `s` on a repeating axis, and the share of the second.
+fn neighbours(s: f64, size: usize) -> (usize, usize, f32) {
+    let position = s.rem_euclid(1.0) * size as f64 - 0.5;
+    let below = position.floor();
+    let first = (below as i64).rem_euclid(size as i64) as usize;
+    (first, (first + 1) % size, (position - below) as f32)
+}
+
+/// `a` and `b` exactly at the ends, so that an infinite neighbour of weight 0 makes no NaN.
+fn mix(a: f32, b: f32, share: f32) -> f32 {
+    if share == 0.0 {
+        a
+    } else {
+        a * (1.0 - share) + b * share
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn checker() -> RgbImage {
+        RgbImage::from_fn(4, 2, |x, y| [x as f32, y as f32, (x * y) as f32])
+    }
+
+    #[test]
+    fn bilinear_returns_texels_at_their_centres() {
+        let image = checker();
+        for y in 0..2 {
+            for x in 0..4 {
+                let sample = image.bilinear((x as f64 + 0.5) / 4.0, (y as f64 + 0.5) / 2.0);
+                assert_eq!(sample, image.pixels[y * 4 + x]);
+            }
+        }
+    }
+
+    #[test]
+    fn bilinear_blends_across_the_seam() {
+        assert_eq!(checker().bilinear(0.0, 0.25), [1.5, 0.0, 0.0]);
+        assert_eq!(checker().bilinear(0.25, 0.0)[1], 0.5);
+    }
+
+    proptest! {
+        #[test]
+        fn bilinear_repeats(u in -3.0..3.0f64, v in -3.0..3.0f64, turns in -2i32..3) {
+            let image = checker();
+            let (a, b) = (image.bilinear(u, v), image.bilinear(u + f64::from(turns), v));
+            for c in 0..3 {
+                prop_assert!((a[c] - b[c]).abs() < 1e-5, "{a:?} {b:?}");
+            }
+        }
+
+        #[test]
+        fn bilinear_takes_any_number(u in any::<f64>(), v in any::<f64>()) {
+            checker().bilinear(u, v);
+        }
+    }
 }
