@@ -245,9 +245,14 @@ impl<R: Read + Seek> Layers<R> {
         let mut chunk_bytes = 0;
         for chunk in reader {
             let chunk = chunk.map_err(Fault::damaged)?;
-            chunk_bytes += compressed_bytes(&chunk);
+            chunk_bytes += compressed(&chunk).len() as u64;
             if chunk_bytes > file_bytes {
                 return Err(Fault::damaged("blocks overlap in the file"));
+            }
+            if !dwa_sizes_are_plausible(&meta, &chunk).map_err(Fault::damaged)? {
+                return Err(Fault::damaged(
+                    "a compressed block claims an impossible size",
+                ));
             }
             chunks.push(chunk);
         }
@@ -347,12 +352,48 @@ fn copy_rows(
     Ok(())
 }
 
-fn compressed_bytes(chunk: &Chunk) -> u64 {
+fn compressed(chunk: &Chunk) -> &[u8] {
     match &chunk.compressed_block {
-        CompressedBlock::ScanLine(block) => block.compressed_pixels_le.len() as u64,
-        CompressedBlock::Tile(block) => block.compressed_pixels_le.len() as u64,
-        CompressedBlock::DeepScanLine(_) | CompressedBlock::DeepTile(_) => 0,
+        CompressedBlock::ScanLine(block) => &block.compressed_pixels_le,
+        CompressedBlock::Tile(block) => &block.compressed_pixels_le,
+        CompressedBlock::DeepScanLine(_) | CompressedBlock::DeepTile(_) => &[],
     }
+}
+
+/// Whether the sizes that a DWAA or DWAB block claims for its parts could come from its pixels.
+///
+/// The exr crate (1.74) allocates what they say before it looks at the data, and a failed allocation
+/// ends the process: one flipped bit in a file would do.
+fn dwa_sizes_are_plausible(meta: &MetaData, chunk: &Chunk) -> ::exr::error::Result<bool> {
+    let Some(header) = meta.headers.get(chunk.layer_index) else {
+        return Ok(false);
+    };
+    if !matches!(
+        header.compression,
+        Compression::DWAA(_) | Compression::DWAB(_)
+    ) {
+        return Ok(true);
+    }
+    let tile = header.get_block_data_indices(&chunk.compressed_block)?;
+    let size = header.get_absolute_block_pixel_coordinates(tile)?.size;
+    let block = compressed(chunk);
+    if block.len() == size.area() * header.channels.bytes_per_pixel {
+        // Stored as it is, without these sizes.
+        return Ok(true);
+    }
+    // Little-endian u64: 1 UNKNOWN bytes, 6 RLE bytes after zlib, 7 after run-length decoding,
+    // 8 AC values, 9 DC values; 2 to 5 are compressed sizes, which the crate checks.
+    const UNCOMPRESSED: [usize; 5] = [1, 6, 7, 8, 9];
+    // Blocks of 8 × 8 reach past the edges; run lengths may double what they encode.
+    let padded = (size.x() as u64 + 8).saturating_mul(size.y() as u64 + 8);
+    let most = padded.saturating_mul(2 * header.channels.bytes_per_pixel as u64);
+    Ok(UNCOMPRESSED.iter().all(|word| {
+        let bytes = block
+            .get(8 * word..8 * word + 8)
+            .and_then(|bytes| bytes.try_into().ok());
+        // The crate refuses a block too short for them.
+        bytes.is_none_or(|bytes| u64::from_le_bytes(bytes) <= most)
+    }))
 }
 
 fn channel_names(header: &Header) -> Vec<String> {

@@ -445,10 +445,10 @@ fn headers_that_claim_too_much_are_refused() {
         )
         .unwrap();
         let error = RgbImage::read(&path).unwrap_err().to_string();
-        assert!(
-            error.contains("more than") || error.contains("claims"),
-            "{error}"
-        );
+        let named = ["more than", "claims", "too large"]
+            .iter()
+            .any(|part| error.contains(part));
+        assert!(named, "{error}");
     }
     // An EXR whose data and display windows grow to 2^20 × 2^20.
     let path = folder.path().join("a.exr");
@@ -460,7 +460,7 @@ fn headers_that_claim_too_much_are_refused() {
     }
     fs::write(&path, bytes).unwrap();
     let error = RgbImage::read(&path).unwrap_err().to_string();
-    assert!(error.contains("shorter than its own table"), "{error}");
+    assert!(error.contains("complete"), "{error}");
 }
 
 proptest! {
@@ -494,27 +494,63 @@ proptest! {
     }
 }
 
+fn sums(image: &RgbImage) -> [f64; 3] {
+    let sum = |c: usize| image.pixels.iter().map(|pixel| f64::from(pixel[c])).sum();
+    std::array::from_fn(sum)
+}
+
+#[test]
+fn real_probes_read_as_openexr_reads_them() {
+    // Sums by OpenEXR 3.5.3's Python module.
+    for (name, expected) in [
+        (
+            "blender_cc0/interior",
+            [567_708.853_683, 501_115.989_945, 426_484.092_529],
+        ),
+        (
+            "OrientationLatLong",
+            [459_793.459_924, 479_596.786_291, 502_087.210_332],
+        ),
+    ] {
+        let Some(path) = shared(&format!("probes/{name}.exr")) else {
+            return;
+        };
+        let image = RgbImage::read(&path).unwrap();
+        assert_eq!((image.width, image.height), (1024, 512));
+        for (sum, expected) in sums(&image).iter().zip(expected) {
+            assert!(
+                (sum / expected - 1.0).abs() < 1e-9,
+                "{name}: {sum} {expected}"
+            );
+        }
+        let brightest = |pixel: &[f32; 3]| luminance(pixel.map(f64::from));
+        let peak = image.pixels.iter().map(brightest).fold(0.0, f64::max);
+        assert!(
+            name != "blender_cc0/interior" || (peak / 3.2e4 - 1.0).abs() < 0.01,
+            "{peak}"
+        );
+    }
+}
+
 #[test]
 fn real_probes_are_read() {
-    for (name, max) in [
-        ("interior", 3.2e4),
-        ("city", 0.0),
-        ("courtyard", 0.0),
-        ("night", 0.0),
+    for name in [
+        "city",
+        "courtyard",
+        "forest",
+        "night",
+        "studio",
+        "sunrise",
+        "sunset",
     ] {
         let Some(path) = shared(&format!("probes/blender_cc0/{name}.exr")) else {
             return;
         };
         let image = RgbImage::read(&path).unwrap();
         assert_eq!((image.width, image.height), (1024, 512));
-        let peak = image
-            .pixels
-            .as_flattened()
-            .iter()
-            .fold(0.0f32, |a, &b| a.max(b));
         assert!(
-            peak > 1.0 && (max == 0.0 || (peak / max - 1.0).abs() < 0.05),
-            "{name}: {peak}"
+            sums(&image).iter().all(|sum| sum.is_finite() && *sum > 0.0),
+            "{name}"
         );
     }
     for name in ["apartment", "studio", "sunset"] {
@@ -528,12 +564,8 @@ fn real_probes_are_read() {
                 .pixels
                 .as_flattened()
                 .iter()
-                .all(|x| x.is_finite() && *x >= 0.0)
+                .all(|x| x.is_finite() && *x >= 0.0),
+            "{name}"
         );
     }
-    let Some(path) = shared("probes/OrientationLatLong.exr") else {
-        return;
-    };
-    let image = RgbImage::read(&path).unwrap();
-    assert_eq!(image.width, 2 * image.height);
 }
