@@ -2,6 +2,9 @@
 
 use glam::Vec2;
 
+/// The largest f32 below 1.
+const BELOW_ONE: f64 = 1.0 - f32::EPSILON as f64 / 2.0;
+
 /// A piecewise-constant density on [0, 1), sampled by inverting its CDF.
 ///
 /// Sums run in f64: 16384 × 8192 f32 weights over twelve decades would lose the small ones.
@@ -43,10 +46,13 @@ impl Distribution1d {
         self.cdf[i + 1] - self.cdf[i]
     }
 
-    /// The cell that holds quantile `u` in [0, 1), and where in it, in [0, 1).
+    /// The cell that holds quantile `u` in [0, 1), and where in it, in [0, 1) and still below 1
+    /// as an f32.
     #[inline]
     pub fn invert(&self, u: f64) -> (usize, f64) {
-        // The last cell whose CDF starts at or below u; empty cells are never chosen.
+        // The last cell whose CDF starts at or below u; empty cells are never chosen, not even
+        // when a sum of variates was rounded up to 1.
+        let u = u.min(1.0 - f64::EPSILON);
         let i = self.cdf.partition_point(|&c| c <= u).clamp(1, self.cells()) - 1;
         let width = self.probability(i);
         let inside = if width > 0.0 {
@@ -54,7 +60,7 @@ impl Distribution1d {
         } else {
             0.5
         };
-        (i, inside.clamp(0.0, 1.0 - 1e-9))
+        (i, inside.clamp(0.0, BELOW_ONE))
     }
 }
 
@@ -126,6 +132,19 @@ mod tests {
             let (cell, _) = d.invert(f64::from(i) / 1000.0);
             assert!(cell == 1 || cell == 3);
         }
+        assert_eq!(d.invert(1.0).0, 3);
+    }
+
+    #[test]
+    fn places_in_a_cell_stay_below_one() {
+        // 1 − 1e-9 is 1 as an f32, which is the next cell.
+        let d = Distribution2d::new([[1.0, 1.0]]);
+        let below_half = 0.5 - f32::EPSILON / 4.0;
+        let cell = d.sample(Vec2::new(below_half, 1.0 - f32::EPSILON / 2.0));
+        assert_eq!((cell.row, cell.column), (0, 0));
+        assert!(cell.inside.x < 1.0 && cell.inside.y < 1.0, "{cell:?}");
+        let (_, inside) = Distribution1d::new([1.0]).0.invert(1.0 - 1e-12);
+        assert!((inside as f32) < 1.0);
     }
 
     proptest! {

@@ -6,8 +6,11 @@ use sobol_burley::sample_4d;
 /// The stream of low-discrepancy numbers of one path: sample `index` of the sequence `seed`,
 /// dimensions handed out in the order they are asked for.
 ///
-/// Dimensions beyond the table of the generator (256 sets of four) and samples beyond its 2^16
-/// points continue with another scramble, which keeps them unbiased and independent.
+/// Every four dimensions are the first four of the Sobol sequence under another scramble (padding;
+/// Burley 2020, *Practical Hash-based Owen Scrambling*, §6). Later dimensions of the sequence are
+/// worse where it counts, in the plane: 256 points of the first two hit each cell of 16 × 16 once,
+/// those of dimensions 13 to 16 leave up to three cells of four empty. Samples beyond the
+/// generator's 2^16 points continue with another scramble too.
 #[derive(Clone, Debug)]
 pub struct SobolPath {
     index: u32,
@@ -35,16 +38,10 @@ impl SobolPath {
     /// The next four dimensions, each in [0, 1).
     #[inline]
     pub fn next_4d(&mut self) -> [f32; 4] {
-        let (set, wrap) = (
-            self.set % sobol_burley::NUM_DIMENSION_SETS_4D,
-            self.set / sobol_burley::NUM_DIMENSION_SETS_4D,
-        );
+        // An odd multiple of the golden ratio: no two of the first 2^32 sets share a scramble.
+        let seed = self.seed.wrapping_add(self.set.wrapping_mul(0x9e37_79b9));
         self.set += 1;
-        sample_4d(
-            self.index,
-            set,
-            self.seed.wrapping_add(wrap.wrapping_mul(0x9e37_79b9)),
-        )
+        sample_4d(self.index, 0, seed)
     }
 }
 
@@ -69,18 +66,42 @@ mod tests {
 
     #[test]
     fn sobol_fills_elementary_intervals() {
-        // 256 points of any two dimensions of a set put one point into each of 16 × 16 cells.
-        let mut seen = [[false; 256]; 2];
-        for i in 0..256 {
-            let (a, b) = as_points(SobolPath::new(7, 3, 5, i).next_4d());
-            for (cells, p) in seen.iter_mut().zip([a, b]) {
-                let cell = (p.x * 16.0) as usize * 16 + (p.y * 16.0) as usize;
-                assert!(
-                    !std::mem::replace(&mut cells[cell], true),
-                    "cell {cell} hit twice"
-                );
+        // The first point of every set is a (0, 2)-sequence: 256 of them put one into each box of
+        // area 1/256, whatever its shape. The second reaches two a box of 16 × 16 at most.
+        for set in [0, 1, 3, 17, 300] {
+            for log_width in 0..=8 {
+                let (wide, high) = ((1 << log_width) as f32, (256 >> log_width) as f32);
+                let mut first = [0; 256];
+                let mut second = [0; 256];
+                for i in 0..256 {
+                    let mut path = SobolPath::new(7, 3, 5, i);
+                    let u = (0..=set).fold([0.0; 4], |_, _| path.next_4d());
+                    let (a, b) = as_points(u);
+                    first[(a.x * wide) as usize * high as usize + (a.y * high) as usize] += 1;
+                    second[(b.x * 16.0) as usize * 16 + (b.y * 16.0) as usize] += 1;
+                }
+                assert_eq!(first, [1; 256], "set {set}, {wide} x {high}");
+                assert!(second.iter().all(|&n| n <= 2), "set {set}");
             }
         }
+    }
+
+    #[test]
+    fn sets_are_independent() {
+        // Correlation of the first dimensions of neighbouring sets over 4096 points: σ = 1/64.
+        let n = 4096;
+        let mut sums = [0.0f64; 3];
+        for i in 0..n {
+            let mut path = SobolPath::new(3, 1, 4, i);
+            let sets = [path.next_4d(), path.next_4d(), path.next_4d()];
+            for (sum, (a, b)) in sums.iter_mut().zip([(0, 1), (1, 2), (0, 2)]) {
+                *sum += 12.0 * f64::from(sets[a][0] - 0.5) * f64::from(sets[b][0] - 0.5);
+            }
+        }
+        assert!(
+            sums.iter().all(|s| (s / f64::from(n)).abs() < 4.0 / 64.0),
+            "{sums:?}"
+        );
     }
 
     #[test]
