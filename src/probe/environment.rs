@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use super::{ProbeError, ProbeReport, repair};
 use crate::geometry::{direction_from_latlong, latlong_from_direction};
@@ -17,6 +17,8 @@ pub struct Environment {
     cells: Distribution2d,
     /// `[height]` solid angle of one texel of each row, steradian.
     texel_solid_angle: Vec<f64>,
+    /// `[height]` how much of a texel's solid angle the rows above, of and below it light.
+    row_weights: Vec<[f64; 3]>,
 }
 
 /// A direction drawn towards bright light.
@@ -42,14 +44,15 @@ impl Environment {
             .map(|row| 2.0 * PI / width as f64 * (cos_edge(row) - cos_edge(row + 1)))
             .collect();
 
-        // The sampling weight of a cell is the mean of the bilinear function over it times its
-        // solid angle; a dark texel beside a bright one is bright at its edge and must be found.
+        let row_weights: Vec<[f64; 3]> = (0..height)
+            .map(|row| row_weights(row, height).map(|w| w * 2.0 * PI / width as f64))
+            .collect();
+
+        // The sampling weight of a cell is the flux of the bilinear function through it; a dark
+        // texel beside a bright one is bright at its edge and must be found.
         let cells = Distribution2d::new((0..height).map(|row| {
-            let (image, solid_angle) = (&image, texel_solid_angle[row]);
-            (0..width).map(move |column| {
-                let mean = cell_mean(image, column, row);
-                (mean[0] + mean[1] + mean[2]) * solid_angle
-            })
+            let (image, weights) = (&image, row_weights[row]);
+            (0..width).map(move |column| cell_flux(image, column, row, weights).element_sum())
         }));
         let world_from_probe = Mat3::from_rotation_y(rotation as f32);
         Ok((
@@ -58,6 +61,7 @@ impl Environment {
                 world_from_probe,
                 cells,
                 texel_solid_angle,
+                row_weights,
             },
             report,
         ))
@@ -78,18 +82,20 @@ impl Environment {
         &self.texel_solid_angle
     }
 
+    /// `∫ E dω` over one texel's cell, exactly, linear RGB × steradian.
+    pub(super) fn cell_flux(&self, column: usize, row: usize) -> DVec3 {
+        cell_flux(&self.image, column, row, self.row_weights[row])
+    }
+
     /// Mean over the sphere of the radiance, linear RGB.
     pub fn mean_radiance(&self) -> Vec3 {
-        let mut sum = [0.0; 3];
+        let mut flux = DVec3::ZERO;
         for row in 0..self.image.height {
             for column in 0..self.image.width {
-                let mean = cell_mean(&self.image, column, row);
-                for c in 0..3 {
-                    sum[c] += mean[c] * self.texel_solid_angle[row];
-                }
+                flux += self.cell_flux(column, row);
             }
         }
-        Vec3::from(sum.map(|s| (s / (4.0 * PI)) as f32))
+        (flux / (4.0 * PI)).as_vec3()
     }
 
     /// The light as an object sees it that is turned by `world_from_object`.
@@ -190,22 +196,37 @@ impl TurnedLight<'_> {
     }
 }
 
-/// Mean of the bilinear function over one texel's cell: weights (⅛, ¾, ⅛) in each direction.
-pub(super) fn cell_mean(image: &RgbImage, column: usize, row: usize) -> [f64; 3] {
+/// `∫ w sin θ dθ` over the cell of `row` for the weights `w` that the bilinear function gives to
+/// the rows above, of and below it there.
+///
+/// The mean over the cell in θ, ⅛, ¾ and ⅛, would be 14 % too bright for a light in a polar row
+/// of eight, where the solid angle shrinks to nothing across the cell.
+fn row_weights(row: usize, height: usize) -> [f64; 3] {
+    let step = PI / height as f64;
+    let (top, middle, bottom) = (
+        step * row as f64,
+        step * (row as f64 + 0.5),
+        step * (row as f64 + 1.0),
+    );
+    // ∫ (middle − θ)/step sin θ dθ from the top edge down, ∫ (θ − middle)/step sin θ dθ below.
+    let above = 0.5 * top.cos() - (middle.sin() - top.sin()) / step;
+    let below = (bottom.sin() - middle.sin()) / step - 0.5 * bottom.cos();
+    [above, top.cos() - bottom.cos() - above - below, below]
+}
+
+/// `∫ E dω` over a cell; in longitude the weights are ⅛, ¾, ⅛.
+fn cell_flux(image: &RgbImage, column: usize, row: usize, row_weights: [f64; 3]) -> DVec3 {
     let (width, height) = (image.width, image.height);
     let columns = [(column + width - 1) % width, column, (column + 1) % width];
     let rows = [row.saturating_sub(1), row, (row + 1).min(height - 1)];
-    let weights = [0.125, 0.75, 0.125];
-    let mut mean = [0.0; 3];
-    for (row, row_weight) in rows.into_iter().zip(weights) {
-        for (column, column_weight) in columns.into_iter().zip(weights) {
-            let texel = image.pixels[row * width + column];
-            for c in 0..3 {
-                mean[c] += f64::from(texel[c]) * row_weight * column_weight;
-            }
+    let mut flux = DVec3::ZERO;
+    for (row, row_weight) in rows.into_iter().zip(row_weights) {
+        for (column, column_weight) in columns.into_iter().zip([0.125, 0.75, 0.125]) {
+            let texel = Vec3::from(image.pixels[row * width + column]).as_dvec3();
+            flux += texel * (row_weight * column_weight);
         }
     }
-    mean
+    flux
 }
 
 #[cfg(test)]
@@ -256,16 +277,11 @@ mod tests {
             for i in 0..n {
                 let [a, b, ..] = SobolPath::new(1, 0, 0, i).next_4d();
                 if let Some(s) = light.sample(Vec3::ZERO, Vec2::new(a, b)) {
-                    assert!(
-                        (light.pdf(Vec3::ZERO, s.wi) / s.pdf - 1.0).abs() < 1e-3
-                            || (light.pdf(Vec3::ZERO, s.wi) - s.pdf).abs() > 1e-3 * s.pdf,
-                        "pdf"
-                    );
                     mean += f64::from(s.radiance.x / s.pdf) / f64::from(n);
                 }
             }
             let truth = f64::from(e.mean_radiance().x) * 4.0 * PI;
-            assert!((mean / truth - 1.0).abs() < 0.01, "{mean} {truth}");
+            assert!((mean / truth - 1.0).abs() < 0.003, "{mean} {truth}");
         }
     }
 

@@ -7,7 +7,6 @@
 use glam::{DVec3, Vec2, Vec3};
 
 use super::Environment;
-use super::environment::cell_mean;
 use crate::geometry::direction_from_latlong;
 
 /// Light from a patch of the sphere.
@@ -72,8 +71,7 @@ impl LightPyramid {
                             (x as f32 + 0.5) / image.width as f32,
                             (y as f32 + 0.5) / image.height as f32,
                         );
-                        let solid_angle = environment.texel_solid_angle()[y];
-                        let flux = DVec3::from(cell_mean(image, x, y)) * solid_angle;
+                        let flux = environment.cell_flux(x, y);
                         let weight = flux.element_sum();
                         let sin = f64::from((std::f32::consts::PI * uv.y).sin());
                         let (a, b) = (
