@@ -49,27 +49,29 @@ impl Dichromatic {
             return Vec3::ZERO;
         }
         let diffuse = self.rho_d * FRAC_1_PI;
-        let sum = wi.0 + wo.0;
-        if self.rho_s == Vec3::ZERO || sum.length_squared() < 1e-12 {
+        if self.rho_s == Vec3::ZERO {
             return diffuse;
         }
-        let wm = Local(sum.normalize());
+        let Some((wm, cos_half)) = half_vector(wi, wo) else {
+            return diffuse;
+        };
         let lobe = |ndf: Ndf| {
             ndf.density(wm, self.alpha)
                 * ndf.masking_over_cos(wi, self.alpha)
                 * ndf.masking_over_cos(wo, self.alpha)
         };
         let shape = self.mix(lobe);
-        diffuse + self.rho_s * self.fresnel.eval(wi.0.dot(wm.0)) * (0.25 * shape)
+        diffuse + self.rho_s * self.fresnel.eval(cos_half) * (0.25 * shape)
     }
 
     /// `∂f/∂alpha`, per steradian, linear RGB.
     pub fn eval_d_alpha(&self, wi: Local, wo: Local) -> Vec3 {
-        let sum = wi.0 + wo.0;
-        if wi.0.z <= 0.0 || wo.0.z <= 0.0 || sum.length_squared() < 1e-12 {
+        if wi.0.z <= 0.0 || wo.0.z <= 0.0 {
             return Vec3::ZERO;
         }
-        let wm = Local(sum.normalize());
+        let Some((wm, cos_half)) = half_vector(wi, wo) else {
+            return Vec3::ZERO;
+        };
         let a = self.alpha;
         // Product rule over D, G1(wi)/cos θ_i and G1(wo)/cos θ_o.
         let slope = self.mix(|ndf| {
@@ -82,7 +84,7 @@ impl Dichromatic {
                 + d * ndf.masking_over_cos_d_alpha(wi, a) * go
                 + d * gi * ndf.masking_over_cos_d_alpha(wo, a)
         });
-        self.rho_s * self.fresnel.eval(wi.0.dot(wm.0)) * (0.25 * slope)
+        self.rho_s * self.fresnel.eval(cos_half) * (0.25 * slope)
     }
 
     /// Density with which [`Dichromatic::sample`] returns `wi`, per steradian.
@@ -93,11 +95,12 @@ impl Dichromatic {
         }
         let specular = self.specular_probability(wo);
         let diffuse_pdf = (1.0 - specular) * wi.0.z / PI;
-        let sum = wi.0 + wo.0;
-        if specular == 0.0 || sum.length_squared() < 1e-12 {
+        if specular == 0.0 {
             return diffuse_pdf;
         }
-        let wm = Local(sum.normalize());
+        let Some((wm, _)) = half_vector(wi, wo) else {
+            return diffuse_pdf;
+        };
         diffuse_pdf + specular * self.mix(|ndf| ndf.pdf_reflected(wo, wm, self.alpha))
     }
 
@@ -154,4 +157,14 @@ impl Dichromatic {
             share => (1.0 - share) * lobe(Ndf::Beckmann) + share * lobe(Ndf::Ggx),
         }
     }
+}
+
+/// The microfacet normal that mirrors `wi` into `wo`, and `ω_i·ω_h`, which for unit vectors is
+/// half the length of their sum: symmetric to the last bit, and accurate where the directions
+/// are nearly opposite. `None` within 1e-6 of the horizon, both.
+#[inline]
+fn half_vector(wi: Local, wo: Local) -> Option<(Local, f32)> {
+    let sum = wi.0 + wo.0;
+    let length = sum.length();
+    (length > 1e-6).then(|| (Local(sum / length), 0.5 * length))
 }

@@ -47,13 +47,16 @@ pub fn schlick_weight(cos: f32) -> f32 {
 
 /// Unpolarised reflectance of a dielectric seen from the less dense side,
 /// `F = ½ (g−c)²/(g+c)² [1 + (c(g+c)−1)²/(c(g−c)+1)²]`, `g² = eta² − 1 + c²`
-/// (Walter et al. 2007, Eq. 22).
+/// (Walter et al. 2007, Eq. 22); `g − c` is formed as `(eta² − 1)/(g + c)`, which does not cancel
+/// for an index near 1.
 #[inline]
 pub fn dielectric(cos: f32, eta: f32) -> f32 {
     let c = cos.clamp(0.0, 1.0);
-    let g = (eta * eta - 1.0 + c * c).max(0.0).sqrt();
-    let ratio = (g - c) / (g + c);
-    let other = (c * (g + c) - 1.0) / (c * (g - c) + 1.0);
+    let g2_minus_c2 = (eta - 1.0) * (eta + 1.0);
+    let sum = c + (g2_minus_c2 + c * c).max(0.0).sqrt();
+    let difference = g2_minus_c2 / sum;
+    let ratio = difference / sum;
+    let other = (c * sum - 1.0) / (c * difference + 1.0);
     0.5 * ratio * ratio * (1.0 + other * other)
 }
 

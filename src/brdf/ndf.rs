@@ -81,7 +81,14 @@ impl Ndf {
         }
         let a2 = alpha.0 * alpha.0;
         match self {
-            Self::Beckmann => (-sin2 / (cos2 * a2)).exp() / (PI * a2 * cos2 * cos2),
+            Self::Beckmann => {
+                let exponent = sin2 / (cos2 * a2);
+                // exp(−100) is 0 in f32, and so may be cos⁴ of a half vector that steep.
+                if exponent > 100.0 {
+                    return 0.0;
+                }
+                (-exponent).exp() / (PI * a2 * cos2 * cos2)
+            }
             Self::Ggx => {
                 let q = sin2 + a2 * cos2;
                 a2 / (PI * q * q)
@@ -98,10 +105,10 @@ impl Ndf {
         }
         let a = alpha.0;
         match self {
-            Self::Beckmann => {
-                let log_slope = 2.0 * (sin2 / (cos2 * a * a) - 1.0) / a;
-                self.density(wm, alpha) * log_slope
-            }
+            Self::Beckmann => match self.density(wm, alpha) {
+                0.0 => 0.0,
+                density => density * 2.0 * (sin2 / (cos2 * a * a) - 1.0) / a,
+            },
             Self::Ggx => {
                 let q = sin2 + a * a * cos2;
                 2.0 * a * (sin2 - a * a * cos2) / (PI * q * q * q)
@@ -195,8 +202,8 @@ impl Ndf {
                 Local(Vec3::new(alpha.0 * h.x, alpha.0 * h.y, h.z.max(1e-12)).normalize())
             }
             Self::Beckmann => {
-                let slope = visible_slopes::sample_beckmann(stretched.z, u);
                 let sin = (stretched.x * stretched.x + stretched.y * stretched.y).sqrt();
+                let slope = visible_slopes::sample_beckmann(sin / stretched.z, u);
                 let (sin_phi, cos_phi) = if sin > 0.0 {
                     (stretched.y / sin, stretched.x / sin)
                 } else {
