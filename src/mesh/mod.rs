@@ -29,7 +29,7 @@ mod write_ply;
 
 pub use assemble::Surface;
 pub use error::MeshError;
-pub use points::{Neighbours, SurfacePoint, neighbours, vertex_points};
+pub use points::{Neighbours, SurfacePoint, nearest_points, neighbours, vertex_points};
 pub use report::MeshReport;
 pub use shapes::{cup, sphere};
 pub use texels::{TexelGrid, texel_points};

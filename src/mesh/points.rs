@@ -90,6 +90,42 @@ pub fn neighbours(mesh: &Mesh) -> Neighbours {
     }
 }
 
+/// For each triangle's corners, the nearest of `points`: `[T]`, indices into `points`.
+///
+/// A corner looks among the points on the triangles around it; corners without any take what a
+/// neighbour over an edge found. An index stays 0 only where no chart of points reaches.
+pub fn nearest_points(mesh: &Mesh, points: &[SurfacePoint]) -> Vec<[u32; 3]> {
+    let neighbours = neighbours(mesh);
+    let weld = |vertex: u32| neighbours.weld[vertex as usize] as usize;
+    let mut nearest: Vec<Option<(f32, u32)>> = vec![None; mesh.positions.len()];
+    for (index, point) in points.iter().enumerate() {
+        for vertex in mesh.triangles[point.triangle as usize] {
+            let distance = mesh.positions[vertex as usize].distance_squared(point.position);
+            let best = &mut nearest[weld(vertex)];
+            if best.is_none_or(|(known, _)| distance < known) {
+                *best = Some((distance, index as u32));
+            }
+        }
+    }
+    // Outwards from what is known, a ring of vertices at a time.
+    let mut rim: Vec<usize> = (0..nearest.len()).filter(|&v| nearest[v].is_some()).collect();
+    while !rim.is_empty() {
+        let mut next = Vec::new();
+        for vertex in rim {
+            let found = nearest[vertex];
+            for &other in neighbours.of(vertex as u32) {
+                if nearest[other as usize].is_none() {
+                    nearest[other as usize] = found;
+                    next.push(other as usize);
+                }
+            }
+        }
+        rim = next;
+    }
+    let at = |vertex: u32| nearest[weld(vertex)].map_or(0, |(_, index)| index);
+    mesh.triangles.iter().map(|corners| corners.map(at)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::sphere;
@@ -108,6 +144,21 @@ mod tests {
             assert_eq!(point.normal, mesh.normals[vertex]);
             assert_eq!(point.uv, mesh.uv_at(point.triangle, point.barycentric));
         }
+    }
+
+    #[test]
+    fn the_nearest_point_of_a_vertex_is_itself() {
+        let mesh = sphere(4).into_mesh().unwrap();
+        let points = vertex_points(&mesh);
+        for (corners, nearest) in mesh.triangles.iter().zip(nearest_points(&mesh, &points)) {
+            for (vertex, point) in corners.iter().zip(nearest) {
+                let there = points[point as usize].position;
+                assert_eq!(there, mesh.positions[*vertex as usize]);
+            }
+        }
+        // From a single point, every corner is reached.
+        let one = nearest_points(&mesh, &points[7..8]);
+        assert!(one.iter().flatten().all(|&i| i == 0));
     }
 
     #[test]

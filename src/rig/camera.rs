@@ -158,21 +158,31 @@ impl Camera {
 
     /// Unit direction, world frame, of the ray through pixel coordinates `pixel`.
     pub fn direction(&self, pixel: DVec2) -> DVec3 {
-        let k = &self.intrinsics;
-        let distorted = DVec2::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy);
-        let p = self.distortion.undistort(distorted);
+        let p = self.ideal_point(pixel);
         (self.world_from_camera * DVec3::new(p.x, p.y, 1.0)).normalize()
+    }
+
+    /// Undistorted normalised coordinates `(X/Z, Y/Z)` of a pixel.
+    #[inline]
+    pub fn ideal_point(&self, pixel: DVec2) -> DVec2 {
+        let k = &self.intrinsics;
+        self.distortion
+            .undistort(DVec2::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy))
     }
 
     /// Pixel coordinates of a world point, or `None` behind the camera.
     ///
     /// The result may lie outside the image.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
-        let q = self.world_from_camera.transpose() * (point - self.position);
-        if q.z <= 0.0 {
+        self.project_from_camera(self.world_from_camera.transpose() * (point - self.position))
+    }
+
+    /// Pixel coordinates of a point given along the camera's axes (right, down, forward).
+    pub fn project_from_camera(&self, point: DVec3) -> Option<DVec2> {
+        if point.z <= 0.0 {
             return None;
         }
-        let p = self.distortion.distort(DVec2::new(q.x / q.z, q.y / q.z));
+        let p = self.distortion.distort(DVec2::new(point.x / point.z, point.y / point.z));
         let k = &self.intrinsics;
         Some(DVec2::new(k.fx * p.x + k.cx, k.fy * p.y + k.cy))
     }

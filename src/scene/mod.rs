@@ -6,7 +6,7 @@
 //!
 //! | section | keys (default) |
 //! |---|---|
-//! | `[object]` | `mesh`; `scale` (1); `rotation` (zeros): rotation vector, axis times angle, degrees; `translation` (zeros) |
+//! | `[object]` | `mesh`; `scale` (1); `rotation` (zeros): rotation vector, axis times angle, degrees; `translation` (zeros); `flat` (false): shade triangles flat |
 //! | `[material]` | `ndf`, `alpha`, `rho_d`; `fresnel` (`"dielectric"`) with `rho_s`, `eta` (1.3), or `"schlick"` with `f0`, `f90` (1) |
 //! | `[probe]` | `image`; `rotation_deg` (0) |
 //! | `[camera]` | `width`, `height`, `fov_x_deg` or `fx fy cx cy`, `position`, `look_at`; `distortion` (zeros), `up` (+Y) |
@@ -18,9 +18,11 @@
 //! image looked up by UV, or `"vertex:NAME"`. `ndf` is `"beckmann"`, `"ggx"`, or such a parameter
 //! holding the share of GGX.
 
+mod assets;
 mod error;
 mod load;
 mod material;
+mod material_field;
 mod plan;
 mod section;
 mod sections;
@@ -28,7 +30,9 @@ mod sections;
 mod tests;
 mod write;
 
+pub use assets::AssetError;
 pub use error::{Problem, SceneError};
+pub use material_field::MaterialField;
 pub use plan::{
     Capture, CaptureFrame, MapSource, MaterialSource, ObjectSource, ProbeSource, Scene, Sensor,
     SpecularSource,

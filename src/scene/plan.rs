@@ -1,6 +1,6 @@
 //! The plain, checked data that scene files become.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 
@@ -15,6 +15,8 @@ pub struct ObjectSource {
     pub mesh: PathBuf,
     /// Object frame from mesh file.
     pub object_from_file: Similarity,
+    /// Shade every triangle flat, whatever normals the file has.
+    pub flat: bool,
 }
 
 /// One parameter over the surface.
@@ -58,6 +60,41 @@ pub struct MaterialSource {
     pub rho_d: MapSource<Vec3>,
     /// Specular lobe.
     pub specular: SpecularSource,
+}
+
+impl<T: Clone> MapSource<T> {
+    /// The same source with its image, if it has one, in `folder` under the parameter's name; the
+    /// move is added to `moves`.
+    fn moved(&self, folder: &Path, name: &str, moves: &mut Vec<(PathBuf, PathBuf)>) -> Self {
+        let Self::Texture(from) = self else { return self.clone() };
+        let extension = from.extension().unwrap_or_default();
+        let to = folder.join(name).with_extension(extension);
+        moves.push((from.clone(), to.clone()));
+        Self::Texture(to)
+    }
+}
+
+impl MaterialSource {
+    /// The same material with its images in `folder`, and which file goes where.
+    pub fn with_maps_in(&self, folder: &Path) -> (Self, Vec<(PathBuf, PathBuf)>) {
+        let mut moves = Vec::new();
+        let material = Self {
+            ggx: self.ggx.moved(folder, "ndf", &mut moves),
+            alpha: self.alpha.moved(folder, "alpha", &mut moves),
+            rho_d: self.rho_d.moved(folder, "rho_d", &mut moves),
+            specular: match &self.specular {
+                SpecularSource::Dielectric { eta, rho_s } => SpecularSource::Dielectric {
+                    eta: *eta,
+                    rho_s: rho_s.moved(folder, "rho_s", &mut moves),
+                },
+                SpecularSource::Schlick { f0, f90 } => SpecularSource::Schlick {
+                    f0: f0.moved(folder, "f0", &mut moves),
+                    f90: f90.moved(folder, "f90", &mut moves),
+                },
+            },
+        };
+        (material, moves)
+    }
 }
 
 impl From<Ndf> for MapSource<f32> {
@@ -138,4 +175,25 @@ pub struct Capture {
     pub frames: Vec<CaptureFrame>,
     /// Noise model of the photographs, if known.
     pub sensor: Option<Sensor>,
+}
+
+impl Sensor {
+    /// Variance of a stored value whose true radiance is `radiance`: shot, read and quantisation
+    /// noise, in radiance squared. `exposure` multiplies the sensor's own.
+    pub fn variance(&self, radiance: f64, exposure: f64) -> f64 {
+        let exposure = self.exposure * exposure;
+        let per_electron = 1.0 / (self.full_well_electrons * exposure);
+        let electrons = radiance.max(0.0) / per_electron;
+        let step = 1.0 / (((1u64 << self.bits) - 1) as f64 * exposure);
+        (electrons + self.read_noise_electrons * self.read_noise_electrons)
+            * per_electron
+            * per_electron
+            + step * step / 12.0
+    }
+
+    /// The stored value from which on a sample counts as saturated: half a step below the top.
+    pub fn saturation(&self, exposure: f64) -> f64 {
+        let steps = ((1u64 << self.bits) - 1) as f64;
+        (1.0 - 0.5 / steps) / (self.exposure * exposure)
+    }
 }

@@ -149,6 +149,14 @@ impl<'a> Section<'a> {
             .ok_or_else(|| self.missing(key, format!("a number, {}", range.requirement)))
     }
 
+    /// True or false.
+    pub(super) fn boolean(&self, key: &str) -> Checked<Option<bool>> {
+        let read = |value: &Value| {
+            value.as_bool().ok_or_else(|| self.wrong(key, value, "true or false"))
+        };
+        self.value(key).map(read).transpose()
+    }
+
     /// A whole number from `low` to `high`.
     pub(super) fn count(&self, key: &str, low: i64, high: i64) -> Checked<Option<i64>> {
         match self.value(key) {

@@ -12,7 +12,7 @@ use super::{CaptureFrame, ObjectSource, ProbeSource, Sensor};
 use crate::geometry::{Similarity, Turn};
 use crate::rig::{Camera, CameraError, Distortion, Intrinsics};
 
-const OBJECT_KEYS: [&str; 4] = ["mesh", "scale", "rotation", "translation"];
+const OBJECT_KEYS: [&str; 5] = ["mesh", "scale", "rotation", "translation", "flat"];
 const PROBE_KEYS: [&str; 2] = ["image", "rotation_deg"];
 const CAMERA_KEYS: [&str; 11] = [
     "width",
@@ -79,6 +79,7 @@ pub(super) fn object(top: &Section<'_>, folder: &Path) -> Checked<ObjectSource> 
             rotation: DQuat::from_scaled_axis(DVec3::from_array(rotation)),
             translation: section.vector("translation")?.unwrap_or(DVec3::ZERO),
         },
+        flat: section.boolean("flat")?.unwrap_or(false),
     })
 }
 

@@ -86,6 +86,9 @@ impl Writer<'_> {
     fn object(&mut self, object: &ObjectSource) {
         self.line("\n[object]");
         self.path("mesh", &object.mesh);
+        if object.flat {
+            self.set("flat", true);
+        }
         let pose = &object.object_from_file;
         if pose.scale != 1.0 {
             self.set("scale", float(pose.scale));

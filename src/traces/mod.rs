@@ -1,1 +1,60 @@
-//! traces
+//! What each surface point was seen to do over the frames.
+//!
+//! A trace is `T(x, t)`: the radiance observed at surface point `x` in frame `t` (Domon et al.,
+//! Eq. 5), with everything the fit must know about that observation: view, normal, noise.
+//! Photographs and renders enter alike.
+
+mod collect;
+mod footprint;
+
+pub use collect::{CollectSettings, TraceError, TraceStats, collect};
+
+use glam::{Mat3, Vec3};
+
+use crate::mesh::SurfacePoint;
+
+/// One observation of a surface point.
+///
+/// A pixel averages over the patch of surface it covers, so view and normals are those of the
+/// pixel's patch, not of the point itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation {
+    /// Index of the frame in the capture.
+    pub frame: u32,
+    /// Observed radiance, linear RGB.
+    pub radiance: Vec3,
+    /// Variance of its noise, radiance squared, by channel; infinite where the channel is
+    /// saturated and tells nothing.
+    pub variance: Vec3,
+    /// To the camera, unit, object frame.
+    pub wo: Vec3,
+    /// Mean shading normal over the pixel's patch, unit, object frame.
+    pub normal: Vec3,
+    /// Geometric normal at the patch's centre, unit, object frame.
+    pub geometric_normal: Vec3,
+    /// Variance of the shading normal over the patch, radian² per tangent axis.
+    pub normal_variance: f32,
+}
+
+/// A surface point and all that was seen of it.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    /// Where on the surface, mesh frame.
+    pub point: SurfacePoint,
+    /// In order of frames; empty if it was never seen.
+    pub observations: Vec<Observation>,
+}
+
+/// All traces of a capture.
+#[derive(Clone, Debug)]
+pub struct TraceSet {
+    /// `[N]`, in the order of the points asked for.
+    pub traces: Vec<Trace>,
+    /// `[frames]` rotation of the object in the world.
+    pub world_from_object: Vec<Mat3>,
+    /// `[triangles]` the points nearest to each triangle's corners: whose radiance to take where a
+    /// ray meets the object.
+    pub points_of_triangle: Vec<[u32; 3]>,
+    /// Whether the noise variances come from a sensor's model; else they are only relative.
+    pub noise_is_known: bool,
+}

@@ -1,0 +1,266 @@
+//! What is typed.
+
+use std::ops::Range;
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Measures what an object's surface is made of from a turntable video and a light probe.
+#[derive(Debug, Parser)]
+#[command(name = "turnlight", version, propagate_version = true)]
+pub(super) struct Cli {
+    #[command(subcommand)]
+    pub(super) command: Command,
+    #[command(flatten)]
+    pub(super) common: Common,
+}
+
+/// Options of every command.
+#[derive(Args, Debug, Default)]
+pub(super) struct Common {
+    /// Threads to use; all cores unless given. Results do not depend on it.
+    #[arg(long, global = true, value_parser = threads)]
+    pub(super) threads: Option<usize>,
+    /// Write counters and timings to this JSON file.
+    #[arg(long, global = true, value_name = "FILE.json")]
+    pub(super) stats: Option<PathBuf>,
+    /// Say nothing but errors and results.
+    #[arg(long, global = true)]
+    pub(super) quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// The whole job on the shipped scene: render, fit, reproduce, compare, report.
+    Demo(Demo),
+    /// Render a turntable sequence of a scene.toml into a capture folder.
+    Render(Render),
+    /// Recover the material of a capture (a folder with capture.toml).
+    Fit(Fit),
+    /// Render the estimate of a fit, in the capture's light or another.
+    Reproduce(Reproduce),
+    /// Errors between two images or two sequences: PSNR, SSIM, relative MSE.
+    Compare(Compare),
+    /// Hand a scene or a fit to other programs.
+    Export(Export),
+    /// One self-contained HTML page about a fit.
+    Report(Report),
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Demo {
+    /// Folder for everything the demo makes.
+    #[arg(long, default_value = "turnlight-demo")]
+    pub(super) out: PathBuf,
+}
+
+/// How images are sampled.
+#[derive(Args, Clone, Debug)]
+pub(super) struct Sampling {
+    /// Paths per pixel.
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    pub(super) spp: u32,
+    /// Longest path in edges, as renderers count: 2 is direct light only, 3 one interreflection.
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(2..=1024))]
+    pub(super) max_depth: u32,
+    /// Seed of all random choices.
+    #[arg(long, default_value_t = 0)]
+    pub(super) seed: u64,
+    /// Only these frames, A..B with B excluded.
+    #[arg(long, value_parser = frame_range, value_name = "A..B")]
+    pub(super) frames: Option<Range<usize>>,
+    /// Go on where an interrupted run with the same settings stopped.
+    #[arg(long)]
+    pub(super) resume: bool,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Render {
+    /// scene.toml, or the folder that holds it.
+    pub(super) scene: PathBuf,
+    /// Capture folder to write.
+    #[arg(long)]
+    pub(super) out: PathBuf,
+    #[command(flatten)]
+    pub(super) sampling: Sampling,
+    /// Also write depth, normal and triangle at pixel centres to aovs/.
+    #[arg(long)]
+    pub(super) aovs: bool,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Fit {
+    /// capture.toml, or the folder that holds it.
+    pub(super) capture: PathBuf,
+    /// Fit folder to write.
+    #[arg(long)]
+    pub(super) out: PathBuf,
+    #[command(flatten)]
+    pub(super) choices: FitChoices,
+}
+
+/// What a fit may choose.
+#[derive(Args, Clone, Debug)]
+pub(super) struct FitChoices {
+    /// `full`: variable projection with error bars; `gradient`: the paper's method.
+    #[arg(long, value_enum, default_value = "full")]
+    pub(super) estimator: EstimatorName,
+    /// Lobe shape; `auto` tries both and keeps the smaller residual.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub(super) ndf: NdfName,
+    /// Colour of the specular albedo: one value, or one per channel.
+    #[arg(long, value_enum, default_value = "neutral")]
+    pub(super) specular: SpecularName,
+    /// Fresnel term: `eta=X`, exact dielectric of index X.
+    #[arg(long, default_value = "eta=1.3", value_parser = fresnel)]
+    pub(super) fresnel: f32,
+    /// Surface points: `vertices`, or `texels=N` for an N × N map (the mesh needs UVs).
+    #[arg(long, default_value = "vertices", value_parser = points)]
+    pub(super) points: PointsChoice,
+    /// Rounds of interreflection; 0 takes the object's own light as black.
+    #[arg(long, default_value_t = 2)]
+    pub(super) interreflections: u32,
+    /// Light nodes per observation: more is slower and closer.
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=1 << 20))]
+    pub(super) light_nodes: u32,
+    /// Half-angle, degrees, of the window about the mirror direction (`gradient` only).
+    #[arg(long, default_value_t = 90.0)]
+    pub(super) window: f32,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum EstimatorName {
+    Full,
+    Gradient,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum NdfName {
+    Auto,
+    Beckmann,
+    Ggx,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum SpecularName {
+    Neutral,
+    Rgb,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PointsChoice {
+    Vertices,
+    Texels(usize),
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Reproduce {
+    /// Fit folder.
+    pub(super) fit: PathBuf,
+    /// Capture folder to write.
+    #[arg(long)]
+    pub(super) out: PathBuf,
+    /// Another light probe; the capture's unless given.
+    #[arg(long)]
+    pub(super) probe: Option<PathBuf>,
+    /// Turn of that probe about +Y, degrees.
+    #[arg(long, default_value_t = 0.0, requires = "probe")]
+    pub(super) probe_rotation: f64,
+    #[command(flatten)]
+    pub(super) sampling: Sampling,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Compare {
+    /// Reference: an image, a folder of images, or a capture folder.
+    pub(super) reference: PathBuf,
+    /// What is compared with it, of the same kind.
+    pub(super) test: PathBuf,
+    /// Folder of masks; a capture's own unless given.
+    #[arg(long)]
+    pub(super) masks: Option<PathBuf>,
+    /// Also write the figures to this JSON file.
+    #[arg(long, value_name = "FILE")]
+    pub(super) json: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Export {
+    /// Format.
+    #[arg(value_enum)]
+    pub(super) format: ExportFormat,
+    /// Fit folder, or scene.toml (or its folder).
+    pub(super) source: PathBuf,
+    /// Folder to write.
+    #[arg(long)]
+    pub(super) out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum ExportFormat {
+    /// scene.xml for Mitsuba 3 with mesh, probe and maps; renders the same image.
+    Mitsuba,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Report {
+    /// Fit folder.
+    pub(super) fit: PathBuf,
+    /// Reproduction to show beside the observation (a folder that `reproduce` wrote).
+    #[arg(long)]
+    pub(super) reproduced: Option<PathBuf>,
+    /// Page to write.
+    #[arg(long, default_value = "report.html")]
+    pub(super) out: PathBuf,
+}
+
+fn threads(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n) if (1..=1024).contains(&n) => Ok(n),
+        _ => Err("must be a number from 1 to 1024".to_owned()),
+    }
+}
+
+fn frame_range(text: &str) -> Result<Range<usize>, String> {
+    let parse = |part: &str| part.parse::<usize>().ok();
+    match text.split_once("..").map(|(a, b)| (parse(a), parse(b))) {
+        Some((Some(a), Some(b))) if a < b => Ok(a..b),
+        _ => Err("must be A..B with A < B, such as 0..12 for the first twelve".to_owned()),
+    }
+}
+
+fn fresnel(text: &str) -> Result<f32, String> {
+    match text.strip_prefix("eta=").map(str::parse::<f32>) {
+        Some(Ok(eta)) if eta > 1.0 && eta <= 4.0 => Ok(eta),
+        _ => Err("must be eta=X with X above 1 and at most 4, such as eta=1.3".to_owned()),
+    }
+}
+
+fn points(text: &str) -> Result<PointsChoice, String> {
+    if text == "vertices" {
+        return Ok(PointsChoice::Vertices);
+    }
+    match text.strip_prefix("texels=").map(str::parse::<usize>) {
+        Some(Ok(n)) if (1..=16384).contains(&n) => Ok(PointsChoice::Texels(n)),
+        _ => Err("must be vertices, or texels=N with N from 1 to 16384".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn arguments_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn values_out_of_range_are_refused() {
+        assert!(frame_range("3..3").is_err() && frame_range("a..2").is_err());
+        assert_eq!(frame_range("3..5").unwrap(), 3..5);
+        assert!(fresnel("1.3").is_err() && fresnel("eta=0.9").is_err() && fresnel("eta=nan").is_err());
+        assert!(points("texels=0").is_err() && points("texels=64") == Ok(PointsChoice::Texels(64)));
+    }
+}

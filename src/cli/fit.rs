@@ -1,0 +1,235 @@
+//! `turnlight fit`: capture folder in, fit folder out.
+
+use std::path::Path;
+use std::time::Instant;
+
+use glam::Vec3;
+use serde::Serialize;
+
+use super::arguments::{
+    Common, EstimatorName, Fit, FitChoices, NdfName, PointsChoice, SpecularName,
+};
+use super::failure::Failure;
+use super::progress::{bar, note, write_stats, write_text};
+use crate::accel::Accel;
+use crate::brdf::Ndf;
+use crate::estimate::{
+    Estimate, Estimator, FitSettings, FitStats, SpecularColour, Status, fit,
+};
+use crate::export::{FitFolder, PointTable};
+use crate::mesh::{Mesh, SurfacePoint, TexelGrid, nearest_points, texel_points, vertex_points};
+use crate::probe::LightPyramid;
+use crate::scene::Capture;
+use crate::traces::{CollectSettings, TraceStats, collect};
+
+/// What `fit.toml` records.
+#[derive(Serialize)]
+struct Record {
+    turnlight: &'static str,
+    capture: String,
+    points: String,
+    settings: FitSettings,
+    timings: Timings,
+    traces: TraceStats,
+    fit: FitStats,
+    status: StatusCounts,
+}
+
+/// Seconds, wall clock.
+#[derive(Clone, Copy, Serialize)]
+struct Timings {
+    load: f64,
+    traces: f64,
+    fit: f64,
+    write: f64,
+}
+
+/// Points by how their search ended.
+#[derive(Default, Serialize)]
+struct StatusCounts {
+    converged: usize,
+    unidentifiable: usize,
+    alpha_at_bound: usize,
+    too_few_samples: usize,
+    unseen: usize,
+    saturated: usize,
+}
+
+pub(super) fn run(arguments: &Fit, common: &Common) -> Result<(), Failure> {
+    let capture = Capture::load(&arguments.capture)?;
+    fit_capture(&capture, &arguments.capture, &arguments.out, &arguments.choices, common)
+}
+
+/// Fits a capture and writes the fit folder.
+pub(super) fn fit_capture(
+    capture: &Capture,
+    source: &Path,
+    out: &Path,
+    choices: &FitChoices,
+    common: &Common,
+) -> Result<(), Failure> {
+    let settings = settings(choices);
+
+    // Load: mesh, light, and the points to fit.
+    let started = Instant::now();
+    let (mesh, mesh_report) = capture.object.load()?;
+    let (environment, probe_report) = capture.probe.load()?;
+    for (path, report) in [
+        (&capture.object.mesh, mesh_report.to_string()),
+        (&capture.probe.image, probe_report.to_string()),
+    ] {
+        if !report.trim().is_empty() {
+            note(common, &format!("note: {}: {}", path.display(), report.trim()));
+        }
+    }
+    let accel = Accel::build(&mesh.positions, &mesh.triangles);
+    let pyramid = LightPyramid::new(&environment);
+    let (points, grid) = choose_points(&mesh, choices.points)?;
+    let points_of_triangle = match grid {
+        None => mesh.triangles.clone(),
+        Some(_) => nearest_points(&mesh, &points),
+    };
+    let load = started.elapsed().as_secs_f64();
+
+    // Traces: what each point was seen to do.
+    let started = Instant::now();
+    let frames_bar = bar(common, "traces", capture.frames.len());
+    let on_frame = |_| frames_bar.inc(1);
+    let collect_settings = CollectSettings::default();
+    let (traces, trace_stats) =
+        collect(capture, &mesh, &accel, points, points_of_triangle, &collect_settings, &on_frame)?;
+    frames_bar.finish_and_clear();
+    if trace_stats.observed == 0 {
+        return Err(Failure::Data(anyhow::anyhow!(
+            "{}: no surface point is seen in any frame ({} point-frame pairs: {} turned away, \
+             {} outside image or mask, {} hidden); check camera, turntable and masks",
+            source.display(),
+            trace_stats.pairs,
+            trace_stats.turned_away,
+            trace_stats.outside,
+            trace_stats.hidden
+        )));
+    }
+    let trace_seconds = started.elapsed().as_secs_f64();
+
+    // Fit.
+    let started = Instant::now();
+    let points_bar = bar(common, "fitting", traces.traces.len());
+    let (estimates, fit_stats) =
+        fit(&traces, &pyramid, &accel, &settings, &|n| points_bar.inc(n as u64));
+    points_bar.finish_and_clear();
+    let fit_seconds = started.elapsed().as_secs_f64();
+
+    // Write.
+    let started = Instant::now();
+    let table = table(&mesh, &traces.traces.iter().map(|t| t.point).collect::<Vec<_>>(), &estimates);
+    let folder = FitFolder { capture, mesh: &mesh, table: &table, grid: grid.as_ref(), eta: settings.eta };
+    folder.write(out)?;
+    let mut status = StatusCounts::default();
+    for estimate in &estimates {
+        *match estimate.status {
+            Status::Converged => &mut status.converged,
+            Status::Unidentifiable => &mut status.unidentifiable,
+            Status::AlphaAtBound => &mut status.alpha_at_bound,
+            Status::TooFewSamples => &mut status.too_few_samples,
+            Status::Unseen => &mut status.unseen,
+            Status::Saturated => &mut status.saturated,
+        } += 1;
+    }
+    let summary = format!(
+        "{}: {} points: {} converged, {} unidentifiable, {} at the bound of alpha, {} unseen; {:.1} s",
+        out.display(),
+        estimates.len(),
+        status.converged,
+        status.unidentifiable,
+        status.alpha_at_bound,
+        status.unseen,
+        load + trace_seconds + fit_seconds
+    );
+    let timings = Timings {
+        load,
+        traces: trace_seconds,
+        fit: fit_seconds,
+        write: started.elapsed().as_secs_f64(),
+    };
+    let record = Record {
+        turnlight: env!("CARGO_PKG_VERSION"),
+        capture: absolute(source),
+        points: match choices.points {
+            PointsChoice::Vertices => "vertices".to_owned(),
+            PointsChoice::Texels(n) => format!("texels={n}"),
+        },
+        settings,
+        timings,
+        traces: trace_stats,
+        fit: fit_stats,
+        status,
+    };
+    let text = toml::to_string(&record).map_err(anyhow::Error::from)?;
+    // Written last: a folder with fit.toml is complete.
+    write_text(&out.join("fit.toml"), &text)?;
+    note(common, &summary);
+    write_stats(common, &record)
+}
+
+fn absolute(path: &Path) -> String {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string()
+}
+
+fn settings(choices: &FitChoices) -> FitSettings {
+    FitSettings {
+        estimator: match choices.estimator {
+            EstimatorName::Full => Estimator::Full,
+            EstimatorName::Gradient => Estimator::Gradient,
+        },
+        ndf: match choices.ndf {
+            NdfName::Auto => None,
+            NdfName::Beckmann => Some(Ndf::Beckmann),
+            NdfName::Ggx => Some(Ndf::Ggx),
+        },
+        specular: match choices.specular {
+            SpecularName::Neutral => SpecularColour::Neutral,
+            SpecularName::Rgb => SpecularColour::Rgb,
+        },
+        eta: choices.fresnel,
+        light_nodes: choices.light_nodes as usize,
+        interreflections: choices.interreflections,
+        window: choices.window.to_radians(),
+    }
+}
+
+fn choose_points(
+    mesh: &Mesh,
+    choice: PointsChoice,
+) -> Result<(Vec<SurfacePoint>, Option<TexelGrid>), Failure> {
+    match choice {
+        PointsChoice::Vertices => Ok((vertex_points(mesh), None)),
+        PointsChoice::Texels(resolution) => {
+            let (points, grid) = texel_points(mesh, resolution as u32)?;
+            Ok((points, Some(grid)))
+        }
+    }
+}
+
+/// The estimates as the arrays of `points.npz`.
+fn table(mesh: &Mesh, points: &[SurfacePoint], estimates: &[Estimate]) -> PointTable {
+    let vector = |f: &dyn Fn(&Estimate) -> Vec3| estimates.iter().map(|e| f(e).to_array()).collect();
+    let number = |f: &dyn Fn(&Estimate) -> f32| estimates.iter().map(f).collect();
+    let integer = |f: &dyn Fn(&Estimate) -> i32| estimates.iter().map(f).collect();
+    PointTable {
+        position: points.iter().map(|p| mesh.to_object(p.position).as_vec3().to_array()).collect(),
+        normal: points.iter().map(|p| p.normal.to_array()).collect(),
+        rho_d: vector(&|e| e.rho_d),
+        rho_s: vector(&|e| e.rho_s),
+        f90: number(&|_| 1.0),
+        fresnel: integer(&|_| 0),
+        alpha: number(&|e| e.alpha),
+        ndf: integer(&|e| e.ndf as i32),
+        sigma_rho_d: vector(&|e| e.sigma_rho_d),
+        sigma_rho_s: number(&|e| e.sigma_rho_s),
+        sigma_alpha: number(&|e| e.sigma_alpha),
+        frames: integer(&|e| e.frames as i32),
+        residual: number(&|e| e.residual),
+        status: integer(&|e| e.status as i32),
+    }
+}

@@ -1,0 +1,134 @@
+//! All points: visibility once, then rounds of fitting with the object's own light.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::columns::{Columns, ForwardModel, Scratch};
+use super::interreflection::{Glow, outgoing};
+use super::visibility::Visibility;
+use super::{Estimate, Estimator, FitSettings, full, gradient};
+use crate::accel::Accel;
+use crate::probe::LightPyramid;
+use crate::traces::{Trace, TraceSet};
+
+/// What a fit cost and found, counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct FitStats {
+    /// Points asked for.
+    pub points: u64,
+    /// Points seen at least once; only these are fitted.
+    pub seen: u64,
+    /// Points whose hemisphere is open: no occlusion, no interreflection.
+    pub open: u64,
+    /// Rays traced for visibility.
+    pub visibility_rays: u64,
+    /// Observations for which traces were modelled, over all rounds.
+    pub observations: u64,
+}
+
+/// Fits every point. Points are independent given the object's own light; results come in their
+/// order and do not depend on the number of threads. `on_points` hears how many points are done.
+pub fn fit(
+    traces: &TraceSet,
+    pyramid: &LightPyramid,
+    accel: &Accel,
+    settings: &FitSettings,
+    on_points: &(dyn Fn(usize) + Sync),
+) -> (Vec<Estimate>, FitStats) {
+    let mut stats = FitStats { points: traces.traces.len() as u64, ..FitStats::default() };
+    let paper = settings.estimator == Estimator::Gradient;
+    let model = ForwardModel {
+        pyramid,
+        diffuse_nodes: ForwardModel::diffuse_nodes(pyramid),
+        world_from_object: &traces.world_from_object,
+        eta: settings.eta,
+        light_nodes: settings.light_nodes,
+        window_cos: paper.then(|| settings.window.cos()),
+        footprints: !paper,
+    };
+
+    // What each point sees, for all frames at once. A point that is never seen still reflects
+    // light onto others, but only if interreflection is asked for.
+    let rounds = if paper { 0 } else { settings.interreflections };
+    let needed = |trace: &Trace| !paper && (rounds > 0 || !trace.observations.is_empty());
+    let visibilities: Vec<(Visibility, u64)> = traces
+        .traces
+        .par_iter()
+        .map(|trace| {
+            if needed(trace) {
+                Visibility::trace(accel, trace.point.position, trace.point.normal)
+            } else {
+                (Visibility::Open, 0)
+            }
+        })
+        .collect();
+    stats.visibility_rays = visibilities.iter().map(|(_, rays)| rays).sum();
+    stats.seen = traces.traces.iter().filter(|t| !t.observations.is_empty()).count() as u64;
+    stats.open = visibilities.iter().filter(|(v, _)| matches!(v, Visibility::Open)).count() as u64;
+    let any_blocked = visibilities.iter().any(|(v, _)| !v.blocked().is_empty());
+
+    let fit_point = |index: usize, glow: Option<&Glow<'_>>, (scratch, columns): &mut (Scratch, Columns)| {
+        let trace = &traces.traces[index];
+        model.columns(trace, &visibilities[index].0, glow, scratch, columns);
+        match settings.estimator {
+            Estimator::Full => full::estimate(trace, columns, settings, traces.noise_is_known),
+            Estimator::Gradient => gradient::estimate(trace, columns, settings),
+        }
+    };
+    let fresh = || (Scratch::default(), Columns::default());
+    let mut estimates: Vec<Estimate> = (0..traces.traces.len())
+        .into_par_iter()
+        .map_init(fresh, |memory, index| {
+            let estimate = fit_point(index, None, memory);
+            on_points(1);
+            estimate
+        })
+        .collect();
+    let observations: u64 = traces.traces.iter().map(|t| t.observations.len() as u64).sum();
+    stats.observations = observations;
+
+    // The object's own light, from the last round's albedos; only points that see the object are
+    // fitted again.
+    if any_blocked {
+        for _ in 0..rounds {
+            let direct = irradiance(&model, traces, &visibilities);
+            let radiance = outgoing(&estimates, &direct);
+            let glow = Glow {
+                radiance: &radiance,
+                points: estimates.len(),
+                points_of_triangle: &traces.points_of_triangle,
+            };
+            let again: Vec<usize> = (0..estimates.len())
+                .filter(|&i| !visibilities[i].0.blocked().is_empty() && !traces.traces[i].observations.is_empty())
+                .collect();
+            let refitted: Vec<Estimate> = again
+                .par_iter()
+                .map_init(fresh, |memory, &index| fit_point(index, Some(&glow), memory))
+                .collect();
+            stats.observations +=
+                again.iter().map(|&i| traces.traces[i].observations.len() as u64).sum::<u64>();
+            for (index, estimate) in again.into_iter().zip(refitted) {
+                estimates[index] = estimate;
+            }
+        }
+    }
+    (estimates, stats)
+}
+
+/// Irradiance over π from the light alone, `[frame · points + point]`.
+fn irradiance(
+    model: &ForwardModel<'_>,
+    traces: &TraceSet,
+    visibilities: &[(Visibility, u64)],
+) -> Vec<Vec3> {
+    let points = traces.traces.len();
+    (0..points * traces.world_from_object.len())
+        .into_par_iter()
+        .map(|i| {
+            let (frame, point) = (i / points, i % points);
+            let normal = traces.traces[point].point.normal;
+            model.diffuse(frame, normal, normal, &visibilities[point].0, None, None)
+        })
+        .collect()
+}

@@ -1,0 +1,250 @@
+//! What a surface point sees: open sky, or the object itself.
+//!
+//! The map lives in the object frame, where geometry never moves, so it is made once for all
+//! frames. Directions are cells of an octahedral grid; a coarse grid is traced whole, and only
+//! cells beside a border between open and blocked are traced again at the next finer level.
+
+use glam::{Vec2, Vec3};
+
+use crate::accel::Accel;
+use crate::geometry::{
+    Ray, direction_from_octahedral, octahedral_from_direction, octahedral_neighbour, offset_origin,
+};
+
+/// Cells across the grid that is traced whole: 5.6° apart, about 500 rays a hemisphere.
+const COARSE: usize = 32;
+/// Cells across the finest grid: 1.4°.
+const FINE: usize = 128;
+/// Resolutions of the pyramid, finest first.
+const LEVELS: [usize; 5] = [128, 64, 32, 16, 8];
+
+/// A patch of the object seen from a point.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BlockedPatch {
+    /// Towards the patch, unit, object frame.
+    pub(super) direction: Vec3,
+    /// Solid angle, steradian.
+    pub(super) solid_angle: f32,
+    /// Triangle met.
+    pub(super) triangle: u32,
+    /// Where on the triangle.
+    pub(super) barycentric: Vec2,
+}
+
+/// The directions from which light reaches a surface point.
+pub(super) enum Visibility {
+    /// Nothing blocks the hemisphere.
+    Open,
+    /// Something does.
+    Partial {
+        /// `LEVELS[i]²` open share of each cell in 255ths; cells below the horizon count as open.
+        open: Box<[Vec<u8>; 5]>,
+        /// What blocks, in patches of at most one coarse cell.
+        blocked: Vec<BlockedPatch>,
+    },
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Cell {
+    Open,
+    Blocked,
+    /// Below the horizon: never asked, so never a reason to refine.
+    Below,
+}
+
+impl Visibility {
+    /// Traces what is seen from `position` on a surface of normal `normal` (mesh frame). The number
+    /// of rays comes back too.
+    pub(super) fn trace(accel: &Accel, position: Vec3, normal: Vec3) -> (Self, u64) {
+        let origin = offset_origin(position, normal);
+        let mut rays = 0;
+        let mut patches: Vec<Option<(u32, Vec2)>> = vec![None; COARSE * COARSE];
+        let mut look = |n: usize, x: usize, y: usize| {
+            let direction = centre(n, x, y);
+            // A cell is below the horizon when all of it is.
+            if direction.dot(normal) < -2.0 / n as f32 {
+                return Cell::Below;
+            }
+            rays += 1;
+            match accel.closest_hit(&Ray { origin, direction }, f32::INFINITY) {
+                None => Cell::Open,
+                Some(hit) => {
+                    let coarse = y * COARSE / n * COARSE + x * COARSE / n;
+                    patches[coarse].get_or_insert((hit.triangle, Vec2::new(hit.u, hit.v)));
+                    Cell::Blocked
+                }
+            }
+        };
+
+        let mut n = COARSE;
+        let mut cells: Vec<Cell> = (0..n * n).map(|i| look(n, i % n, i / n)).collect();
+        // Grazing cells may look below the shading normal's horizon into the surface itself; only
+        // what rises above it makes a point concave.
+        let concave = cells
+            .iter()
+            .enumerate()
+            .any(|(i, &c)| c == Cell::Blocked && centre(n, i % n, i / n).dot(normal) > 0.0);
+        if !concave {
+            return (Self::Open, rays);
+        }
+        while n < FINE {
+            let border: Vec<bool> = (0..n * n).map(|i| is_border(&cells, n, i)).collect();
+            let coarser = cells;
+            let fine = 2 * n;
+            cells = (0..fine * fine)
+                .map(|i| {
+                    let (x, y) = (i % fine, i / fine);
+                    let parent = y / 2 * n + x / 2;
+                    if border[parent] { look(fine, x, y) } else { coarser[parent] }
+                })
+                .collect();
+            n = fine;
+        }
+
+        let finest: Vec<u8> =
+            cells.iter().map(|&c| if c == Cell::Blocked { 0 } else { 255 }).collect();
+        let open = Box::new(pyramid(finest));
+        let blocked = patches
+            .iter()
+            .enumerate()
+            .filter_map(|(i, patch)| {
+                let (triangle, barycentric) = (*patch)?;
+                let direction = centre(COARSE, i % COARSE, i / COARSE);
+                let share = 1.0 - f32::from(open[2][i]) / 255.0;
+                let solid_angle = share * solid_angle(COARSE, i % COARSE, i / COARSE);
+                (share > 0.0).then_some(BlockedPatch { direction, solid_angle, triangle, barycentric })
+            })
+            .collect();
+        (Self::Partial { open, blocked }, rays)
+    }
+
+    /// The open fraction of a cone of half-angle `spread` radians about `direction`.
+    #[inline]
+    pub(super) fn open(&self, direction: Vec3, spread: f32) -> f32 {
+        match self {
+            Self::Open => 1.0,
+            Self::Partial { open, .. } => {
+                // A cell of an n × n grid is about 3.5/n radians wide, a cone 2 × spread.
+                let wanted = 1.75 / spread.max(1e-3);
+                let level =
+                    LEVELS.iter().rposition(|&n| n as f32 >= wanted).unwrap_or(0);
+                let n = LEVELS[level];
+                let uv = octahedral_from_direction(direction) * n as f32;
+                let cell = |x: f32| (x as usize).min(n - 1);
+                f32::from(open[level][cell(uv.y) * n + cell(uv.x)]) / 255.0
+            }
+        }
+    }
+
+    /// What blocks; nothing at an open point.
+    pub(super) fn blocked(&self) -> &[BlockedPatch] {
+        match self {
+            Self::Open => &[],
+            Self::Partial { blocked, .. } => blocked,
+        }
+    }
+}
+
+fn centre(n: usize, x: usize, y: usize) -> Vec3 {
+    direction_from_octahedral(Vec2::new(x as f32 + 0.5, y as f32 + 0.5) / n as f32)
+}
+
+/// Whether a neighbour above the horizon differs.
+fn is_border(cells: &[Cell], n: usize, i: usize) -> bool {
+    let (x, y) = ((i % n) as isize, (i / n) as isize);
+    let (mut open, mut blocked) = (false, false);
+    for dy in -1..=1 {
+        for dx in -1..=1 {
+            match cells[octahedral_neighbour(n, x + dx, y + dy)] {
+                Cell::Open => open = true,
+                Cell::Blocked => blocked = true,
+                Cell::Below => {}
+            }
+        }
+    }
+    open && blocked
+}
+
+fn pyramid(finest: Vec<u8>) -> [Vec<u8>; 5] {
+    let coarser = |n: usize, fine: &[u8]| -> Vec<u8> {
+        let at = |x: usize, y: usize| u16::from(fine[y * 2 * n + x]);
+        (0..n * n)
+            .map(|i| {
+                let (x, y) = (2 * (i % n), 2 * (i / n));
+                ((at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1) + 2) / 4) as u8
+            })
+            .collect()
+    };
+    let second = coarser(LEVELS[1], &finest);
+    let third = coarser(LEVELS[2], &second);
+    let fourth = coarser(LEVELS[3], &third);
+    let fifth = coarser(LEVELS[4], &fourth);
+    [finest, second, third, fourth, fifth]
+}
+
+/// Solid angle of a cell: its two spherical triangles, flattened. Cells are small.
+fn solid_angle(n: usize, x: usize, y: usize) -> f32 {
+    let corner = |dx: usize, dy: usize| {
+        direction_from_octahedral(Vec2::new((x + dx) as f32, (y + dy) as f32) / n as f32)
+    };
+    let (a, b, c, d) = (corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1));
+    0.5 * ((b - a).cross(c - a).length() + (c - a).cross(d - a).length())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::PI;
+
+    /// A wall z ∈ [−50, 50], y ∈ [0, h] at x = 1, seen from the ground at the origin.
+    fn wall(height: f32) -> Accel {
+        let w = 50.0;
+        let positions =
+            [Vec3::new(1.0, 0.0, -w), Vec3::new(1.0, 0.0, w), Vec3::new(1.0, height, w), Vec3::new(1.0, height, -w)];
+        Accel::build(&positions, &[[0, 1, 2], [0, 2, 3]])
+    }
+
+    #[test]
+    fn cells_cover_the_sphere() {
+        let sum: f32 =
+            (0..COARSE * COARSE).map(|i| solid_angle(COARSE, i % COARSE, i / COARSE)).sum();
+        assert!((sum / (4.0 * PI) - 1.0).abs() < 3e-3);
+    }
+
+    #[test]
+    fn an_empty_scene_is_open() {
+        let accel = Accel::build(&[], &[]);
+        assert!(matches!(Visibility::trace(&accel, Vec3::ZERO, Vec3::Y).0, Visibility::Open));
+    }
+
+    #[test]
+    fn a_wall_blocks_its_view_factor() {
+        // Form factor of an infinite wall from a differential area at its foot: the blocked share
+        // of the cosine-weighted hemisphere is (1 − cos φ)/2 with φ the wall's elevation.
+        for height in [0.5f32, 1.0, 3.0] {
+            let (visibility, _) = Visibility::trace(&wall(height), Vec3::ZERO, Vec3::Y);
+            let elevation = height.atan();
+            let expected = 0.5 * (1.0 - elevation.cos());
+            let n = 400;
+            let mut blocked = 0.0;
+            for i in 0..n {
+                for j in 0..n {
+                    let u = Vec2::new((i as f32 + 0.5) / n as f32, (j as f32 + 0.5) / n as f32);
+                    let local = crate::sampling::cosine_hemisphere(u).0;
+                    let direction = Vec3::new(local.x, local.z, local.y);
+                    blocked += (1.0 - visibility.open(direction, 0.0)) / (n * n) as f32;
+                }
+            }
+            assert!((blocked - expected).abs() < 4e-3, "{height}: {blocked} {expected}");
+        }
+    }
+
+    #[test]
+    fn blocked_patches_add_up_to_what_is_not_open() {
+        let (visibility, _) = Visibility::trace(&wall(1.0), Vec3::ZERO, Vec3::Y);
+        let patches: f32 =
+            visibility.blocked().iter().map(|p| p.solid_angle * p.direction.y.max(0.0)).sum();
+        let expected = PI * 0.5 * (1.0 - (0.25 * PI).cos());
+        assert!((patches / expected - 1.0).abs() < 0.05, "{patches} {expected}");
+    }
+}

@@ -1,0 +1,119 @@
+//! One frame: every pixel's mean radiance, coverage and what stands at its centre.
+
+use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::integrator::radiance;
+use super::{RenderStats, Stage};
+use crate::image::{Channel, Mask, RgbImage};
+use crate::sampling::SobolPath;
+
+/// How a frame is sampled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameSettings {
+    /// Paths per pixel.
+    pub samples_per_pixel: u32,
+    /// Largest number of surface interactions of a path; 1 is direct light only.
+    pub bounces: u32,
+    /// Seed of all frames.
+    pub seed: u64,
+}
+
+/// A rendered frame.
+pub struct RenderedFrame {
+    /// Mean radiance over each pixel, black where the object is not; linear RGB.
+    pub radiance: RgbImage,
+    /// Coverage of each pixel.
+    pub mask: Mask,
+    /// At pixel centres: `depth.Z` (object units), `normal.X/Y/Z` (object frame), `id.T` (triangle,
+    /// −1 where nothing is).
+    pub aovs: Vec<Channel>,
+    /// Work done.
+    pub stats: RenderStats,
+}
+
+/// What one pixel yields.
+struct Pixel {
+    radiance: Vec3,
+    coverage: u8,
+    depth: f32,
+    normal: Vec3,
+    triangle: f32,
+}
+
+/// Renders the frame number `number` of the turntable at `angle` (radians).
+///
+/// Every pixel has its own sample sequence, keyed by seed, frame and pixel, and sums in f64: the
+/// result does not depend on the number of threads.
+pub fn render_frame(stage: &Stage, number: u32, angle: f64, settings: &FrameSettings) -> RenderedFrame {
+    let camera = &stage.scene().camera;
+    let (width, height) = (camera.width, camera.height);
+    let view = stage.view(angle);
+    let light = stage.environment.turned(view.world_from_object());
+
+    let render_pixel = |x: usize, y: usize, stats: &mut RenderStats| {
+        let mut sum = DVec3::ZERO;
+        let mut hits = 0;
+        for index in 0..settings.samples_per_pixel {
+            let mut path =
+                SobolPath::new(settings.seed, number, (y * width + x) as u32, index);
+            let [jitter_x, jitter_y, ..] = path.next_4d();
+            let pixel = DVec2::new(x as f64 + f64::from(jitter_x), y as f64 + f64::from(jitter_y));
+            let ray = view.ray(pixel);
+            stats.paths += 1;
+            stats.closest_rays += 1;
+            if let Some(hit) = stage.accel.closest_hit(&ray, f32::INFINITY) {
+                hits += 1;
+                sum += radiance(stage, &light, ray, hit, settings.bounces, &mut path, stats)
+                    .as_dvec3();
+            }
+        }
+        let samples = settings.samples_per_pixel;
+        let centre = view.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+        let at_centre = stage.accel.closest_hit(&centre, f32::INFINITY);
+        Pixel {
+            radiance: (sum / f64::from(samples.max(1))).as_vec3(),
+            // 255 is kept for pixels that every sample hit.
+            coverage: if hits == samples { 255 } else { (hits * 255 / samples.max(1)).min(254) as u8 },
+            depth: at_centre.map_or(0.0, |hit| hit.t * stage.mesh.scale as f32),
+            normal: at_centre.map_or(Vec3::ZERO, |hit| {
+                stage.mesh.normal_at(hit.triangle, glam::Vec2::new(hit.u, hit.v))
+            }),
+            triangle: at_centre.map_or(-1.0, |hit| hit.triangle as f32),
+        }
+    };
+
+    // Rows in parallel, collected in order.
+    let rows: Vec<(Vec<Pixel>, RenderStats)> = (0..height)
+        .into_par_iter()
+        .map(|y| {
+            let mut stats = RenderStats::default();
+            let row = (0..width).map(|x| render_pixel(x, y, &mut stats)).collect();
+            (row, stats)
+        })
+        .collect();
+
+    let mut stats = RenderStats::default();
+    rows.iter().for_each(|(_, s)| stats += *s);
+    let pixels: Vec<Pixel> = rows.into_iter().flat_map(|(row, _)| row).collect();
+    let channel = |name: &str, value: &dyn Fn(&Pixel) -> f32| Channel {
+        name: name.to_owned(),
+        samples: pixels.iter().map(value).collect(),
+    };
+    RenderedFrame {
+        radiance: RgbImage {
+            width,
+            height,
+            pixels: pixels.iter().map(|p| p.radiance.to_array()).collect(),
+        },
+        mask: Mask { width, height, pixels: pixels.iter().map(|p| p.coverage).collect() },
+        aovs: vec![
+            channel("depth.Z", &|p| p.depth),
+            channel("id.T", &|p| p.triangle),
+            channel("normal.X", &|p| p.normal.x),
+            channel("normal.Y", &|p| p.normal.y),
+            channel("normal.Z", &|p| p.normal.z),
+        ],
+        stats,
+    }
+}

@@ -1,0 +1,52 @@
+//! Everything a frame needs in memory: mesh, rays, material, light, camera.
+
+use glam::DAffine3;
+
+use crate::accel::Accel;
+use crate::mesh::Mesh;
+use crate::probe::Environment;
+use crate::rig::View;
+use crate::scene::{MaterialField, Scene, AssetError};
+
+/// A scene read into memory. Its geometry stands still; poses turn camera and light around it.
+pub struct Stage {
+    /// The object.
+    pub mesh: Mesh,
+    /// Ray queries against it, mesh frame.
+    pub accel: Accel,
+    /// Its material.
+    pub material: MaterialField,
+    /// The light, world frame.
+    pub environment: Environment,
+    scene: Scene,
+}
+
+impl Stage {
+    /// Reads mesh, maps and probe. The strings are warnings for the user: what was repaired.
+    pub fn load(scene: &Scene) -> Result<(Self, Vec<String>), AssetError> {
+        let (mesh, mesh_report) = scene.object.load()?;
+        let (environment, probe_report) = scene.probe.load()?;
+        let material = MaterialField::load(&scene.material, &mesh)?;
+        let accel = Accel::build(&mesh.positions, &mesh.triangles);
+        let warnings = [
+            (&scene.object.mesh, mesh_report.to_string()),
+            (&scene.probe.image, probe_report.to_string()),
+        ]
+        .into_iter()
+        .filter(|(_, report)| !report.trim().is_empty())
+        .map(|(path, report)| format!("{}: {}", path.display(), report.trim()))
+        .collect();
+        Ok((Self { mesh, accel, material, environment, scene: scene.clone() }, warnings))
+    }
+
+    /// The camera as the object sees it at a turntable angle (radians).
+    pub fn view(&self, angle: f64) -> View {
+        let object_from_mesh: DAffine3 = self.mesh.object_from_mesh();
+        View::new(&self.scene.camera, &self.scene.turn, angle, object_from_mesh)
+    }
+
+    /// What was read.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+}

@@ -1,0 +1,27 @@
+//! What rendering cost, counted.
+
+use std::ops::AddAssign;
+
+use serde::Serialize;
+
+/// Work done; sums over pixels and frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct RenderStats {
+    /// Camera paths started.
+    pub paths: u64,
+    /// Closest-hit queries, camera rays included.
+    pub closest_rays: u64,
+    /// Occlusion queries.
+    pub shadow_rays: u64,
+    /// Surface interactions shaded.
+    pub bounces: u64,
+}
+
+impl AddAssign for RenderStats {
+    fn add_assign(&mut self, other: Self) {
+        self.paths += other.paths;
+        self.closest_rays += other.closest_rays;
+        self.shadow_rays += other.shadow_rays;
+        self.bounces += other.bounces;
+    }
+}

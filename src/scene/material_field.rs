@@ -1,0 +1,145 @@
+//! The material over the surface, its maps in memory.
+
+use std::ops::{Add, Mul};
+
+use glam::{Vec2, Vec3};
+
+use super::AssetError;
+use super::plan::{MapSource, MaterialSource, SpecularSource};
+use crate::brdf::{Alpha, Dichromatic, Fresnel};
+use crate::image::RgbImage;
+use crate::mesh::Mesh;
+
+/// A parameter over the surface, ready to be looked up.
+#[derive(Clone, Debug)]
+enum Map<T> {
+    Constant(T),
+    Texture(RgbImage),
+    Vertex(Vec<T>),
+}
+
+/// A value that maps can hold.
+trait Value: Copy + Mul<f32, Output = Self> + Add<Output = Self> {
+    fn from_rgb(rgb: Vec3) -> Self;
+    fn read_vertex(mesh: &Mesh, name: &str) -> Result<Vec<Self>, String>;
+}
+
+impl Value for f32 {
+    fn from_rgb(rgb: Vec3) -> Self {
+        rgb.x
+    }
+    fn read_vertex(mesh: &Mesh, name: &str) -> Result<Vec<Self>, String> {
+        mesh.attributes.get(name).cloned().ok_or_else(|| name.to_owned())
+    }
+}
+
+impl Value for Vec3 {
+    fn from_rgb(rgb: Vec3) -> Self {
+        rgb
+    }
+    fn read_vertex(mesh: &Mesh, name: &str) -> Result<Vec<Self>, String> {
+        // One property is neutral; three with suffixes are RGB.
+        if let Some(neutral) = mesh.attributes.get(name) {
+            return Ok(neutral.iter().map(|&v| Vec3::splat(v)).collect());
+        }
+        let channel = |suffix: &str| {
+            let full = format!("{name}_{suffix}");
+            mesh.attributes.get(&full).ok_or(full)
+        };
+        let (r, g, b) = (channel("r")?, channel("g")?, channel("b")?);
+        Ok(r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect())
+    }
+}
+
+impl<T: Value> Map<T> {
+    fn load(source: &MapSource<T>, key: &'static str, mesh: &Mesh) -> Result<Self, AssetError> {
+        match source {
+            MapSource::Constant(value) => Ok(Self::Constant(*value)),
+            MapSource::Texture(path) => {
+                if mesh.uvs.is_none() {
+                    return Err(AssetError::NoTextureCoordinates { key, map: path.clone() });
+                }
+                Ok(Self::Texture(RgbImage::read(path)?))
+            }
+            MapSource::Vertex(name) => T::read_vertex(mesh, name).map(Self::Vertex).map_err(
+                |missing| AssetError::NoVertexProperty {
+                    key,
+                    property: missing,
+                    known: mesh.attributes.keys().cloned().collect(),
+                },
+            ),
+        }
+    }
+
+    #[inline]
+    fn at(&self, mesh: &Mesh, triangle: u32, barycentric: Vec2) -> T {
+        match self {
+            Self::Constant(value) => *value,
+            Self::Texture(image) => {
+                let uv = mesh.uv_at(triangle, barycentric).unwrap_or(Vec2::ZERO);
+                T::from_rgb(image.bilinear(f64::from(uv.x), f64::from(uv.y)).into())
+            }
+            Self::Vertex(values) => mesh.interpolate(values, triangle, barycentric),
+        }
+    }
+}
+
+/// The material of the whole object.
+#[derive(Clone, Debug)]
+pub struct MaterialField {
+    ggx: Map<f32>,
+    alpha: Map<f32>,
+    rho_d: Map<Vec3>,
+    specular: SpecularField,
+}
+
+#[derive(Clone, Debug)]
+enum SpecularField {
+    Dielectric { eta: f32, rho_s: Map<Vec3> },
+    Schlick { f0: Map<Vec3>, f90: Map<f32> },
+}
+
+impl MaterialField {
+    /// Reads the maps; the mesh must have what they are looked up by.
+    pub fn load(source: &MaterialSource, mesh: &Mesh) -> Result<Self, AssetError> {
+        Ok(Self {
+            ggx: Map::load(&source.ggx, "ndf", mesh)?,
+            alpha: Map::load(&source.alpha, "alpha", mesh)?,
+            rho_d: Map::load(&source.rho_d, "rho_d", mesh)?,
+            specular: match &source.specular {
+                SpecularSource::Dielectric { eta, rho_s } => SpecularField::Dielectric {
+                    eta: *eta,
+                    rho_s: Map::load(rho_s, "rho_s", mesh)?,
+                },
+                SpecularSource::Schlick { f0, f90 } => SpecularField::Schlick {
+                    f0: Map::load(f0, "f0", mesh)?,
+                    f90: Map::load(f90, "f90", mesh)?,
+                },
+            },
+        })
+    }
+
+    /// The material at a point of a triangle of the mesh it was loaded for. Values of maps outside
+    /// their range take the nearest one inside.
+    #[inline]
+    pub fn at(&self, mesh: &Mesh, triangle: u32, barycentric: Vec2) -> Dichromatic {
+        let (rho_s, fresnel) = match &self.specular {
+            SpecularField::Dielectric { eta, rho_s } => (
+                rho_s.at(mesh, triangle, barycentric).max(Vec3::ZERO),
+                Fresnel::Dielectric { eta: *eta },
+            ),
+            SpecularField::Schlick { f0, f90 } => {
+                let f0 = f0.at(mesh, triangle, barycentric).max(Vec3::ZERO);
+                let f90 = f90.at(mesh, triangle, barycentric).max(0.0);
+                (Vec3::ONE, Fresnel::Schlick { f0, f90 })
+            }
+        };
+        Dichromatic {
+            rho_d: self.rho_d.at(mesh, triangle, barycentric).max(Vec3::ZERO),
+            rho_s,
+            alpha: Alpha::saturating(self.alpha.at(mesh, triangle, barycentric)),
+            ggx: self.ggx.at(mesh, triangle, barycentric).clamp(0.0, 1.0),
+            fresnel,
+        }
+    }
+}
