@@ -14,7 +14,9 @@ use turnlight::mesh::{LoadOptions, Mesh, Surface, cup, sphere, write_ply};
 
 fn main() -> anyhow::Result<()> {
     let shipped = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("scenes/meshes");
-    let folder = std::env::args_os().nth(1).map_or_else(|| shipped.clone(), PathBuf::from);
+    let folder = std::env::args_os()
+        .nth(1)
+        .map_or_else(|| shipped.clone(), PathBuf::from);
     std::fs::create_dir_all(&folder)?;
     let shapes: [(&str, Surface); 2] = [("sphere.ply", sphere(25)), ("cup.ply", cup())];
     for (name, surface) in shapes {
@@ -55,6 +57,8 @@ fn paint(mesh: &mut Mesh) {
         let values = painted.iter().map(|(rho_d, _)| rho_d[c]).collect();
         mesh.attributes.insert(name.to_owned(), values);
     }
-    mesh.attributes.insert("alpha".to_owned(), painted.iter().map(|p| p.1.0).collect());
-    mesh.attributes.insert("rho_s".to_owned(), painted.iter().map(|p| p.1.1).collect());
+    mesh.attributes
+        .insert("alpha".to_owned(), painted.iter().map(|p| p.1.0).collect());
+    mesh.attributes
+        .insert("rho_s".to_owned(), painted.iter().map(|p| p.1.1).collect());
 }

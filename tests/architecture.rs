@@ -17,7 +17,10 @@ const FORBIDDEN: &[(&str, &[&str])] = &[
 /// Modules that see only what is listed.
 const ONLY: &[(&str, &[&str])] = &[
     ("accel", &["mesh", "geometry"]),
-    ("estimate", &["traces", "brdf", "probe", "accel", "sampling", "geometry"]),
+    (
+        "estimate",
+        &["traces", "brdf", "probe", "accel", "sampling", "geometry"],
+    ),
 ];
 
 fn source() -> PathBuf {
@@ -28,7 +31,11 @@ fn modules() -> Vec<String> {
     std::fs::read_to_string(source().join("lib.rs"))
         .unwrap()
         .lines()
-        .filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';').map(str::to_owned))
+        .filter_map(|line| {
+            line.strip_prefix("pub mod ")?
+                .strip_suffix(';')
+                .map(str::to_owned)
+        })
         .collect()
 }
 
@@ -54,7 +61,9 @@ fn named(text: &str) -> BTreeSet<String> {
         .collect::<Vec<_>>()
         .join("\n");
     let word = |rest: &str| -> String {
-        rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
+        rest.chars()
+            .take_while(|c| c.is_alphanumeric() || *c == '_')
+            .collect()
     };
     let mut names = BTreeSet::new();
     for (at, _) in code.match_indices("crate::") {
@@ -90,15 +99,23 @@ fn arrows_point_upwards_and_avoid_forbidden_pairs() {
     let mut faults = Vec::new();
     for module in &modules {
         let folder = source().join(module);
-        let files = if folder.is_dir() { rust_files(&folder) } else { vec![folder.with_extension("rs")] };
+        let files = if folder.is_dir() {
+            rust_files(&folder)
+        } else {
+            vec![folder.with_extension("rs")]
+        };
         for file in files {
             for name in named(&std::fs::read_to_string(&file).unwrap()) {
-                let Some(to) = place(&name).filter(|_| name != *module) else { continue };
+                let Some(to) = place(&name).filter(|_| name != *module) else {
+                    continue;
+                };
                 let points_up = Some(to) < place(module);
-                let forbidden =
-                    FORBIDDEN.iter().any(|(from, to)| from == module && to.contains(&name.as_str()));
-                let outside =
-                    ONLY.iter().any(|(from, to)| from == module && !to.contains(&name.as_str()));
+                let forbidden = FORBIDDEN
+                    .iter()
+                    .any(|(from, to)| from == module && to.contains(&name.as_str()));
+                let outside = ONLY
+                    .iter()
+                    .any(|(from, to)| from == module && !to.contains(&name.as_str()));
                 if !points_up || forbidden || outside {
                     faults.push(format!("{}: {module} names {name}", file.display()));
                 }

@@ -93,7 +93,7 @@ pub(super) fn closest(
             let node = &tree.nodes[current.0 as usize];
             let (mask, near) = enter_children(node, ray, best.t);
             if mask != 0 {
-                current = nearest_first(node, mask, &near, &mut pending);
+                current = nearest_first(tree, node, mask, &near, &mut pending);
                 continue;
             }
         }
@@ -131,11 +131,19 @@ fn nearest_of(pack: &Pack, hits: &PackHits, mut best: Hit) -> Hit {
 
 /// Returns the nearest of the children in `mask` and leaves the others pending, in order.
 #[inline(always)]
-fn nearest_first(node: &Node, mut mask: u32, near: &Lanes, pending: &mut Pending) -> Child {
+fn nearest_first(
+    tree: &WideTree,
+    node: &Node,
+    mut mask: u32,
+    near: &Lanes,
+    pending: &mut Pending,
+) -> Child {
     let mut next = || {
         let slot = mask.trailing_zeros() as usize % WIDTH;
         mask &= mask - 1;
-        (Pending::entry(near[slot], node.children[slot]), mask == 0)
+        let child = node.children[slot];
+        prefetch(tree, child);
+        (Pending::entry(near[slot], child), mask == 0)
     };
     // One or two children: the common case.
     let (first, last) = next();
@@ -203,6 +211,7 @@ pub(super) fn any(
                     current = child;
                     continue 'walk;
                 }
+                prefetch(tree, child);
                 pending.push(Pending::entry(0.0, child));
             }
         }
@@ -211,4 +220,29 @@ pub(super) fn any(
         };
         current = child;
     }
+}
+
+/// Asks for the memory of `child` ahead of its visit.
+///
+/// Waiting for the first line of a pack took a third of the time spent on packs; with all five lines
+/// asked for, random rays are a sixth faster and none slower (`benches/rays.rs`, 82 000 triangles).
+#[inline(always)]
+fn prefetch(tree: &WideTree, child: Child) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let address: *const i8 = match child.as_pack() {
+            Some(index) => tree.packs.as_ptr().wrapping_add(index).cast(),
+            None => tree.nodes.as_ptr().wrapping_add(child.0 as usize).cast(),
+        };
+        for line in 0..size_of::<Pack>() / 64 {
+            #[expect(unsafe_code, reason = "a prefetch reads nothing and never faults")]
+            // SAFETY: see the reason above; SSE is part of x86-64.
+            unsafe {
+                _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line));
+            }
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (tree, child);
 }

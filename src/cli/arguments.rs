@@ -260,7 +260,9 @@ mod tests {
     fn values_out_of_range_are_refused() {
         assert!(frame_range("3..3").is_err() && frame_range("a..2").is_err());
         assert_eq!(frame_range("3..5").unwrap(), 3..5);
-        assert!(fresnel("1.3").is_err() && fresnel("eta=0.9").is_err() && fresnel("eta=nan").is_err());
+        assert!(
+            fresnel("1.3").is_err() && fresnel("eta=0.9").is_err() && fresnel("eta=nan").is_err()
+        );
         assert!(points("texels=0").is_err() && points("texels=64") == Ok(PointsChoice::Texels(64)));
     }
 }

@@ -6,8 +6,11 @@ use super::progress::{say, write_stats, write_text};
 use crate::compare::compare_sequences;
 
 pub(super) fn run(arguments: &Compare, common: &Common) -> Result<(), Failure> {
-    let errors =
-        compare_sequences(&arguments.reference, &arguments.test, arguments.masks.as_deref())?;
+    let errors = compare_sequences(
+        &arguments.reference,
+        &arguments.test,
+        arguments.masks.as_deref(),
+    )?;
     say(&errors.to_string());
     if let Some(path) = &arguments.json {
         let text = serde_json::to_string_pretty(&errors).map_err(anyhow::Error::from)?;

@@ -30,14 +30,20 @@ const FILES: [(&str, &[u8]); 3] = [
         "meshes/suzanne-painted.ply",
         include_bytes!("../../scenes/meshes/suzanne-painted.ply"),
     ),
-    ("probes/interior.exr", include_bytes!("../../scenes/probes/interior.exr")),
+    (
+        "probes/interior.exr",
+        include_bytes!("../../scenes/probes/interior.exr"),
+    ),
 ];
 
 pub(super) fn run(arguments: &Demo, common: &Common) -> Result<(), Failure> {
     let out = &arguments.out;
     let started = Instant::now();
     let lap = |step: &str| {
-        note(common, &format!("{:5.1} s  {step}", started.elapsed().as_secs_f64()));
+        note(
+            common,
+            &format!("{:5.1} s  {step}", started.elapsed().as_secs_f64()),
+        );
     };
 
     for (name, bytes) in FILES {
@@ -47,10 +53,20 @@ pub(super) fn run(arguments: &Demo, common: &Common) -> Result<(), Failure> {
     let scene = Scene::load(&out.join("scenes/suzanne-painted/scene.toml"))?;
     let (capture_folder, fit_folder) = (out.join("capture"), out.join("fit"));
     let reproduced = out.join("reproduced");
-    let sampling = Sampling { spp: 64, max_depth: 6, seed: 0, frames: None, resume: true };
+    let sampling = Sampling {
+        spp: 64,
+        max_depth: 6,
+        seed: 0,
+        frames: None,
+        resume: true,
+    };
 
     lap("rendering the turntable sequence");
-    sequence(&scene, &sequence_settings(&sampling, &capture_folder, false), common)?;
+    sequence(
+        &scene,
+        &sequence_settings(&sampling, &capture_folder, false),
+        common,
+    )?;
 
     lap("fitting every vertex");
     let capture = Capture::load(&capture_folder)?;
@@ -61,7 +77,11 @@ pub(super) fn run(arguments: &Demo, common: &Common) -> Result<(), Failure> {
     // A reproduction depends on the fit, so it is made anew.
     remove(&reproduced)?;
     let estimate = fitted_scene(&fit_folder)?;
-    sequence(&estimate, &sequence_settings(&sampling, &reproduced, false), common)?;
+    sequence(
+        &estimate,
+        &sequence_settings(&sampling, &reproduced, false),
+        common,
+    )?;
 
     lap("comparing");
     let errors = compare_sequences(&capture_folder, &reproduced, None)?;
@@ -71,15 +91,15 @@ pub(super) fn run(arguments: &Demo, common: &Common) -> Result<(), Failure> {
     let page = out.join("report.html");
     write_report(&fit_folder, Some(&reproduced), &page)?;
     let seconds = started.elapsed().as_secs_f64();
-    note(common, &format!("{seconds:5.1} s  done: open {}", page.display()));
+    note(
+        common,
+        &format!("{seconds:5.1} s  done: open {}", page.display()),
+    );
     write_stats(common, &json!({ "seconds": seconds, "comparison": errors }))
 }
 
 /// What `turnlight fit CAPTURE --out FIT` would choose.
-fn default_choices(
-    capture: &Path,
-    out: &Path,
-) -> Result<super::arguments::FitChoices, Failure> {
+fn default_choices(capture: &Path, out: &Path) -> Result<super::arguments::FitChoices, Failure> {
     let typed: [&std::ffi::OsStr; 5] = [
         "turnlight".as_ref(),
         "fit".as_ref(),
@@ -87,9 +107,14 @@ fn default_choices(
         "--out".as_ref(),
         out.as_os_str(),
     ];
-    match Cli::try_parse_from(typed).map_err(anyhow::Error::from)?.command {
+    match Cli::try_parse_from(typed)
+        .map_err(anyhow::Error::from)?
+        .command
+    {
         Command::Fit(fit) => Ok(fit.choices),
-        _ => Err(Failure::Input(anyhow::anyhow!("the fit command changed its name"))),
+        _ => Err(Failure::Input(anyhow::anyhow!(
+            "the fit command changed its name"
+        ))),
     }
 }
 

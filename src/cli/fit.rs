@@ -13,9 +13,7 @@ use super::failure::Failure;
 use super::progress::{bar, note, write_stats, write_text};
 use crate::accel::Accel;
 use crate::brdf::Ndf;
-use crate::estimate::{
-    Estimate, Estimator, FitSettings, FitStats, SpecularColour, Status, fit,
-};
+use crate::estimate::{Estimate, Estimator, FitSettings, FitStats, SpecularColour, Status, fit};
 use crate::export::{FitFolder, PointTable};
 use crate::mesh::{Mesh, SurfacePoint, TexelGrid, nearest_points, texel_points, vertex_points};
 use crate::probe::LightPyramid;
@@ -57,7 +55,13 @@ struct StatusCounts {
 
 pub(super) fn run(arguments: &Fit, common: &Common) -> Result<(), Failure> {
     let capture = Capture::load(&arguments.capture)?;
-    fit_capture(&capture, &arguments.capture, &arguments.out, &arguments.choices, common)
+    fit_capture(
+        &capture,
+        &arguments.capture,
+        &arguments.out,
+        &arguments.choices,
+        common,
+    )
 }
 
 /// Fits a capture and writes the fit folder.
@@ -79,7 +83,10 @@ pub(super) fn fit_capture(
         (&capture.probe.image, probe_report.to_string()),
     ] {
         if !report.trim().is_empty() {
-            note(common, &format!("note: {}: {}", path.display(), report.trim()));
+            note(
+                common,
+                &format!("note: {}: {}", path.display(), report.trim()),
+            );
         }
     }
     let accel = Accel::build(&mesh.positions, &mesh.triangles);
@@ -96,8 +103,15 @@ pub(super) fn fit_capture(
     let frames_bar = bar(common, "traces", capture.frames.len());
     let on_frame = |_| frames_bar.inc(1);
     let collect_settings = CollectSettings::default();
-    let (traces, trace_stats) =
-        collect(capture, &mesh, &accel, points, points_of_triangle, &collect_settings, &on_frame)?;
+    let (traces, trace_stats) = collect(
+        capture,
+        &mesh,
+        &accel,
+        points,
+        points_of_triangle,
+        &collect_settings,
+        &on_frame,
+    )?;
     frames_bar.finish_and_clear();
     if trace_stats.observed == 0 {
         return Err(Failure::Data(anyhow::anyhow!(
@@ -115,15 +129,26 @@ pub(super) fn fit_capture(
     // Fit.
     let started = Instant::now();
     let points_bar = bar(common, "fitting", traces.traces.len());
-    let (estimates, fit_stats) =
-        fit(&traces, &pyramid, &accel, &settings, &|n| points_bar.inc(n as u64));
+    let (estimates, fit_stats) = fit(&traces, &pyramid, &accel, &settings, &|n| {
+        points_bar.inc(n as u64)
+    });
     points_bar.finish_and_clear();
     let fit_seconds = started.elapsed().as_secs_f64();
 
     // Write.
     let started = Instant::now();
-    let table = table(&mesh, &traces.traces.iter().map(|t| t.point).collect::<Vec<_>>(), &estimates);
-    let folder = FitFolder { capture, mesh: &mesh, table: &table, grid: grid.as_ref(), eta: settings.eta };
+    let table = table(
+        &mesh,
+        &traces.traces.iter().map(|t| t.point).collect::<Vec<_>>(),
+        &estimates,
+    );
+    let folder = FitFolder {
+        capture,
+        mesh: &mesh,
+        table: &table,
+        grid: grid.as_ref(),
+        eta: settings.eta,
+    };
     folder.write(out)?;
     let mut status = StatusCounts::default();
     for estimate in &estimates {
@@ -173,7 +198,10 @@ pub(super) fn fit_capture(
 }
 
 fn absolute(path: &Path) -> String {
-    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string()
+    std::path::absolute(path)
+        .unwrap_or_else(|_| path.to_owned())
+        .display()
+        .to_string()
 }
 
 fn settings(choices: &FitChoices) -> FitSettings {
@@ -213,11 +241,15 @@ fn choose_points(
 
 /// The estimates as the arrays of `points.npz`.
 fn table(mesh: &Mesh, points: &[SurfacePoint], estimates: &[Estimate]) -> PointTable {
-    let vector = |f: &dyn Fn(&Estimate) -> Vec3| estimates.iter().map(|e| f(e).to_array()).collect();
+    let vector =
+        |f: &dyn Fn(&Estimate) -> Vec3| estimates.iter().map(|e| f(e).to_array()).collect();
     let number = |f: &dyn Fn(&Estimate) -> f32| estimates.iter().map(f).collect();
     let integer = |f: &dyn Fn(&Estimate) -> i32| estimates.iter().map(f).collect();
     PointTable {
-        position: points.iter().map(|p| mesh.to_object(p.position).as_vec3().to_array()).collect(),
+        position: points
+            .iter()
+            .map(|p| mesh.to_object(p.position).as_vec3().to_array())
+            .collect(),
         normal: points.iter().map(|p| p.normal.to_array()).collect(),
         rho_d: vector(&|e| e.rho_d),
         rho_s: vector(&|e| e.rho_s),

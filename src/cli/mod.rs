@@ -18,7 +18,6 @@ use clap::Parser;
 
 use arguments::{Cli, Command};
 
-
 /// Runs the command line and says how it went: 0 done, 1 the data do not allow it, 2 usage or
 /// unreadable input.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
@@ -26,12 +25,18 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(cli) => cli,
         Err(error) => {
             let _ = error.print();
-            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
+            return if error.use_stderr() {
+                ExitCode::from(2)
+            } else {
+                ExitCode::SUCCESS
+            };
         }
     };
     if let Some(threads) = cli.common.threads {
         // The pool can only be set once; a second call in one process keeps the first.
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global();
     }
     let outcome = match &cli.command {
         Command::Demo(arguments) => demo::run(arguments, &cli.common),

@@ -43,13 +43,17 @@ pub(super) fn say(text: &str) {
 
 /// Writes `--stats`, if asked for.
 pub(super) fn write_stats(common: &Common, stats: &impl Serialize) -> Result<(), Failure> {
-    let Some(path) = &common.stats else { return Ok(()) };
+    let Some(path) = &common.stats else {
+        return Ok(());
+    };
     let text = serde_json::to_string_pretty(stats).map_err(anyhow::Error::from)?;
     write_text(path, &text)
 }
 
 /// Writes a text file, whole or not at all.
 pub(super) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
-    write_atomically(path, |file| std::io::Write::write_all(file, text.as_bytes()))
-        .map_err(|source| Failure::write(path, source))
+    write_atomically(path, |file| {
+        std::io::Write::write_all(file, text.as_bytes())
+    })
+    .map_err(|source| Failure::write(path, source))
 }

@@ -16,7 +16,10 @@ pub(super) fn run(arguments: &Render, common: &Common) -> Result<(), Failure> {
     let started = Instant::now();
     let stats = sequence(&scene, &settings, common)?;
     let seconds = started.elapsed().as_secs_f64();
-    note(common, &format!("{}: rendered in {seconds:.1} s", arguments.out.display()));
+    note(
+        common,
+        &format!("{}: rendered in {seconds:.1} s", arguments.out.display()),
+    );
     write_stats(common, &json!({ "seconds": seconds, "render": stats }))
 }
 
@@ -47,8 +50,13 @@ pub(super) fn sequence(
     common: &Common,
 ) -> Result<RenderStats, Failure> {
     let (stage, warnings) = Stage::load(scene)?;
-    warnings.iter().for_each(|warning| note(common, &format!("note: {warning}")));
-    let count = settings.frames.as_ref().map_or(scene.angles.len(), ExactSizeIterator::len);
+    warnings
+        .iter()
+        .for_each(|warning| note(common, &format!("note: {warning}")));
+    let count = settings
+        .frames
+        .as_ref()
+        .map_or(scene.angles.len(), ExactSizeIterator::len);
     let bar = bar(common, "rendering", count);
     let stats = render_sequence(scene, &stage, settings, &|_| bar.inc(1))?;
     bar.finish_and_clear();

@@ -6,7 +6,11 @@ use super::progress::note;
 use crate::report::write_report;
 
 pub(super) fn run(arguments: &Report, common: &Common) -> Result<(), Failure> {
-    write_report(&arguments.fit, arguments.reproduced.as_deref(), &arguments.out)?;
+    write_report(
+        &arguments.fit,
+        arguments.reproduced.as_deref(),
+        &arguments.out,
+    )?;
     note(common, &format!("{}: written", arguments.out.display()));
     Ok(())
 }

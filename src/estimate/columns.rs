@@ -66,7 +66,10 @@ impl<'a> ForwardModel<'a> {
     pub(super) fn diffuse_nodes(pyramid: &LightPyramid) -> Vec<LightNode> {
         let mut cut = LightCut::default();
         cut.for_diffuse(pyramid, Self::DIFFUSE_NODES);
-        cut.chosen.iter().map(|&i| pyramid.nodes()[i as usize]).collect()
+        cut.chosen
+            .iter()
+            .map(|&i| pyramid.nodes()[i as usize])
+            .collect()
     }
 
     /// Irradiance over π at a point of normal `normal` (object frame) in frame `frame`: light that
@@ -124,10 +127,14 @@ impl<'a> ForwardModel<'a> {
             let frame = observation.frame as usize;
             let mirror = self.window_cos.map(|_| mirror(observation));
             let (normal, side) = (observation.normal, observation.geometric_normal);
-            columns.diffuse.push(self.diffuse(frame, normal, side, visibility, glow, mirror));
             columns
-                .normal_variance
-                .push(if self.footprints { observation.normal_variance } else { 0.0 });
+                .diffuse
+                .push(self.diffuse(frame, normal, side, visibility, glow, mirror));
+            columns.normal_variance.push(if self.footprints {
+                observation.normal_variance
+            } else {
+                0.0
+            });
             self.gather(observation, visibility, glow, mirror, scratch);
             let cos_o = normal.dot(observation.wo);
             scratch.nodes.sums(&alphas, cos_o, &mut scratch.sums);
@@ -148,12 +155,15 @@ impl<'a> ForwardModel<'a> {
     ) {
         let rotation = &self.world_from_object[observation.frame as usize];
         let (normal, wo) = (observation.normal, observation.wo);
-        let lobe =
-            Lobe { wo: *rotation * wo, normal: *rotation * normal, smallest_alpha: 0.5 * RANGE.0 };
+        let lobe = Lobe {
+            wo: *rotation * wo,
+            normal: *rotation * normal,
+            smallest_alpha: 0.5 * RANGE.0,
+        };
         scratch.cut.for_lobe(self.pyramid, self.light_nodes, &lobe);
         scratch.nodes.clear();
         let eta = self.eta;
-        let mut push = |nodes: &mut NodeArrays, wi: Vec3, flux: Vec3| {
+        let push = |nodes: &mut NodeArrays, wi: Vec3, flux: Vec3| {
             let cos_i = wi.dot(normal);
             if cos_i <= 0.0 {
                 return;
@@ -207,13 +217,19 @@ impl Columns {
         for (i, &variance) in self.normal_variance.iter().enumerate() {
             let widened = alpha2 + 2.0 * variance;
             let slope = alpha2 / widened;
-            let x = ((0.5 * widened.ln() - RANGE.0.ln()) / step).clamp(0.0, (ROUGHNESSES - 1) as f32);
+            let x =
+                ((0.5 * widened.ln() - RANGE.0.ln()) / step).clamp(0.0, (ROUGHNESSES - 1) as f32);
             let k = (x as usize).clamp(1, ROUGHNESSES - 3);
             let t = x - k as f32;
             let samples = &self.specular[ndf][i * ROUGHNESSES + k - 1..][..4];
             // Lagrange's cubic through the four neighbours at −1, 0, 1, 2.
             let (a, b, c, d) = (t + 1.0, t, t - 1.0, t - 2.0);
-            let weights = [-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0];
+            let weights = [
+                -b * c * d / 6.0,
+                a * c * d / 2.0,
+                -a * b * d / 2.0,
+                a * b * c / 6.0,
+            ];
             let slopes = [
                 -(c * d + b * d + b * c) / 6.0,
                 (c * d + a * d + a * c) / 2.0,

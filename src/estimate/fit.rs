@@ -36,7 +36,10 @@ pub fn fit(
     settings: &FitSettings,
     on_points: &(dyn Fn(usize) + Sync),
 ) -> (Vec<Estimate>, FitStats) {
-    let mut stats = FitStats { points: traces.traces.len() as u64, ..FitStats::default() };
+    let mut stats = FitStats {
+        points: traces.traces.len() as u64,
+        ..FitStats::default()
+    };
     let paper = settings.estimator == Estimator::Gradient;
     let model = ForwardModel {
         pyramid,
@@ -64,18 +67,26 @@ pub fn fit(
         })
         .collect();
     stats.visibility_rays = visibilities.iter().map(|(_, rays)| rays).sum();
-    stats.seen = traces.traces.iter().filter(|t| !t.observations.is_empty()).count() as u64;
-    stats.open = visibilities.iter().filter(|(v, _)| matches!(v, Visibility::Open)).count() as u64;
+    stats.seen = traces
+        .traces
+        .iter()
+        .filter(|t| !t.observations.is_empty())
+        .count() as u64;
+    stats.open = visibilities
+        .iter()
+        .filter(|(v, _)| matches!(v, Visibility::Open))
+        .count() as u64;
     let any_blocked = visibilities.iter().any(|(v, _)| !v.blocked().is_empty());
 
-    let fit_point = |index: usize, glow: Option<&Glow<'_>>, (scratch, columns): &mut (Scratch, Columns)| {
-        let trace = &traces.traces[index];
-        model.columns(trace, &visibilities[index].0, glow, scratch, columns);
-        match settings.estimator {
-            Estimator::Full => full::estimate(trace, columns, settings, traces.noise_is_known),
-            Estimator::Gradient => gradient::estimate(trace, columns, settings),
-        }
-    };
+    let fit_point =
+        |index: usize, glow: Option<&Glow<'_>>, (scratch, columns): &mut (Scratch, Columns)| {
+            let trace = &traces.traces[index];
+            model.columns(trace, &visibilities[index].0, glow, scratch, columns);
+            match settings.estimator {
+                Estimator::Full => full::estimate(trace, columns, settings, traces.noise_is_known),
+                Estimator::Gradient => gradient::estimate(trace, columns, settings),
+            }
+        };
     let fresh = || (Scratch::default(), Columns::default());
     let mut estimates: Vec<Estimate> = (0..traces.traces.len())
         .into_par_iter()
@@ -85,7 +96,11 @@ pub fn fit(
             estimate
         })
         .collect();
-    let observations: u64 = traces.traces.iter().map(|t| t.observations.len() as u64).sum();
+    let observations: u64 = traces
+        .traces
+        .iter()
+        .map(|t| t.observations.len() as u64)
+        .sum();
     stats.observations = observations;
 
     // The object's own light, from the last round's albedos; only points that see the object are
@@ -100,14 +115,21 @@ pub fn fit(
                 points_of_triangle: &traces.points_of_triangle,
             };
             let again: Vec<usize> = (0..estimates.len())
-                .filter(|&i| !visibilities[i].0.blocked().is_empty() && !traces.traces[i].observations.is_empty())
+                .filter(|&i| {
+                    !visibilities[i].0.blocked().is_empty()
+                        && !traces.traces[i].observations.is_empty()
+                })
                 .collect();
             let refitted: Vec<Estimate> = again
                 .par_iter()
-                .map_init(fresh, |memory, &index| fit_point(index, Some(&glow), memory))
+                .map_init(fresh, |memory, &index| {
+                    fit_point(index, Some(&glow), memory)
+                })
                 .collect();
-            stats.observations +=
-                again.iter().map(|&i| traces.traces[i].observations.len() as u64).sum::<u64>();
+            stats.observations += again
+                .iter()
+                .map(|&i| traces.traces[i].observations.len() as u64)
+                .sum::<u64>();
             for (index, estimate) in again.into_iter().zip(refitted) {
                 estimates[index] = estimate;
             }

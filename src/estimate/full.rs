@@ -19,7 +19,11 @@ pub(super) fn estimate(
     settings: &FitSettings,
     noise_is_known: bool,
 ) -> Estimate {
-    let problem = Problem { trace, columns, colour: settings.specular };
+    let problem = Problem {
+        trace,
+        columns,
+        colour: settings.specular,
+    };
     let frames = trace.observations.len() as u32;
     if frames == 0 {
         return Estimate::without_data(Status::Unseen, 0);
@@ -36,7 +40,9 @@ pub(super) fn estimate(
         return Estimate::without_data(Status::TooFewSamples, frames);
     }
 
-    let candidates = Ndf::ALL.into_iter().filter(|&ndf| settings.ndf.is_none_or(|n| n == ndf));
+    let candidates = Ndf::ALL
+        .into_iter()
+        .filter(|&ndf| settings.ndf.is_none_or(|n| n == ndf));
     let minimum = candidates
         .map(|ndf| problem.minimise(ndf))
         .min_by(|a, b| a.albedos.objective.total_cmp(&b.albedos.objective));
@@ -64,7 +70,11 @@ impl Problem<'_> {
     /// Inverse variance; 0 for a sample that tells nothing.
     fn weight(&self, i: usize, channel: usize) -> f64 {
         let variance = f64::from(self.trace.observations[i].variance[channel]);
-        if variance.is_finite() && variance > 0.0 { 1.0 / variance } else { 0.0 }
+        if variance.is_finite() && variance > 0.0 {
+            1.0 / variance
+        } else {
+            0.0
+        }
     }
 
     fn samples(&self) -> usize {
@@ -75,18 +85,19 @@ impl Problem<'_> {
     /// The albedos at one roughness.
     fn project(&self, ndf: Ndf, ln_alpha: f32) -> Albedos {
         let mut grams = [Gram::default(); 3];
-        self.columns.specular(ndf as usize, ln_alpha, |i, specular, _| {
-            let observed = self.trace.observations[i].radiance;
-            let diffuse = self.columns.diffuse[i];
-            for (c, gram) in grams.iter_mut().enumerate() {
-                gram.add(
-                    self.weight(i, c),
-                    f64::from(diffuse[c]),
-                    f64::from(specular[c]),
-                    f64::from(observed[c]),
-                );
-            }
-        });
+        self.columns
+            .specular(ndf as usize, ln_alpha, |i, specular, _| {
+                let observed = self.trace.observations[i].radiance;
+                let diffuse = self.columns.diffuse[i];
+                for (c, gram) in grams.iter_mut().enumerate() {
+                    gram.add(
+                        self.weight(i, c),
+                        f64::from(diffuse[c]),
+                        f64::from(specular[c]),
+                        f64::from(observed[c]),
+                    );
+                }
+            });
         solve(&grams, self.colour)
     }
 
@@ -95,23 +106,37 @@ impl Problem<'_> {
     fn minimise(&self, ndf: Ndf) -> Minimum {
         let value = |ln_alpha: f32| self.project(ndf, ln_alpha).objective;
         let grid: Vec<f64> = (0..ROUGHNESSES).map(|k| value(roughness(k).ln())).collect();
-        let best = (0..ROUGHNESSES).min_by(|&a, &b| grid[a].total_cmp(&grid[b])).unwrap_or(0);
+        let best = (0..ROUGHNESSES)
+            .min_by(|&a, &b| grid[a].total_cmp(&grid[b]))
+            .unwrap_or(0);
         let low = roughness(best.saturating_sub(1)).ln();
         let high = roughness((best + 1).min(ROUGHNESSES - 1)).ln();
         let ln_alpha = golden_section(low, high, value);
-        Minimum { ndf, ln_alpha, albedos: self.project(ndf, ln_alpha) }
+        Minimum {
+            ndf,
+            ln_alpha,
+            albedos: self.project(ndf, ln_alpha),
+        }
     }
 
     /// Error bars and verdict.
     fn conclude(&self, minimum: &Minimum, freedom: usize, noise_is_known: bool) -> Estimate {
-        let Minimum { ndf, ln_alpha, albedos } = minimum;
+        let Minimum {
+            ndf,
+            ln_alpha,
+            albedos,
+        } = minimum;
         let to_vec = |v: [f64; 3]| Vec3::new(v[0] as f32, v[1] as f32, v[2] as f32);
         let covariance = self.covariance(minimum);
 
         // Where the noise is only known up to a factor the residuals give it; where it is known,
         // residuals above it (a model that does not hold) widen the bars, none below narrow them.
         let reduced = albedos.objective / freedom.max(1) as f64;
-        let factor = if noise_is_known { reduced.max(1.0) } else { reduced };
+        let factor = if noise_is_known {
+            reduced.max(1.0)
+        } else {
+            reduced
+        };
         let sigma = covariance.map(|variance| (variance * factor).sqrt() as f32);
 
         let alpha = ln_alpha.exp();
@@ -148,20 +173,24 @@ impl Problem<'_> {
         // Columns: rho_d (3), rho_s (1 or 3), ln alpha.
         let size = if neutral { 5 } else { 7 };
         let mut information = vec![vec![0.0; size]; size];
-        self.columns.specular(minimum.ndf as usize, minimum.ln_alpha, |i, specular, slope| {
-            for c in 0..3 {
-                let mut row = [0.0; 7];
-                row[c] = f64::from(self.columns.diffuse[i][c]);
-                row[if neutral { 3 } else { 3 + c }] = f64::from(specular[c]);
-                row[size - 1] = rho_s[c] * f64::from(slope[c]);
-                let w = self.weight(i, c);
-                for a in 0..size {
-                    for b in 0..size {
-                        information[a][b] += w * row[a] * row[b];
+        self.columns.specular(
+            minimum.ndf as usize,
+            minimum.ln_alpha,
+            |i, specular, slope| {
+                for c in 0..3 {
+                    let mut row = [0.0; 7];
+                    row[c] = f64::from(self.columns.diffuse[i][c]);
+                    row[if neutral { 3 } else { 3 + c }] = f64::from(specular[c]);
+                    row[size - 1] = rho_s[c] * f64::from(slope[c]);
+                    let w = self.weight(i, c);
+                    for a in 0..size {
+                        for b in 0..size {
+                            information[a][b] += w * row[a] * row[b];
+                        }
                     }
                 }
-            }
-        });
+            },
+        );
         let variances = inverse_diagonal(information);
         let mut full = [f64::INFINITY; 7];
         full[..3].copy_from_slice(&variances[..3]);
@@ -174,18 +203,24 @@ impl Problem<'_> {
 
     fn relative_residual(&self, minimum: &Minimum) -> f32 {
         let (mut squares, mut total) = (0.0, 0.0);
-        self.columns.specular(minimum.ndf as usize, minimum.ln_alpha, |i, specular, _| {
-            let observation = &self.trace.observations[i];
-            for c in 0..3 {
-                if self.weight(i, c) > 0.0 {
-                    let predicted = minimum.albedos.rho_d[c] * f64::from(self.columns.diffuse[i][c])
-                        + minimum.albedos.rho_s[c] * f64::from(specular[c]);
-                    squares += (f64::from(observation.radiance[c]) - predicted).powi(2);
-                    total += f64::from(observation.radiance[c]).powi(2);
+        self.columns
+            .specular(minimum.ndf as usize, minimum.ln_alpha, |i, specular, _| {
+                let observation = &self.trace.observations[i];
+                for c in 0..3 {
+                    if self.weight(i, c) > 0.0 {
+                        let predicted = minimum.albedos.rho_d[c]
+                            * f64::from(self.columns.diffuse[i][c])
+                            + minimum.albedos.rho_s[c] * f64::from(specular[c]);
+                        squares += (f64::from(observation.radiance[c]) - predicted).powi(2);
+                        total += f64::from(observation.radiance[c]).powi(2);
+                    }
                 }
-            }
-        });
-        if total > 0.0 { (squares / total).sqrt() as f32 } else { 0.0 }
+            });
+        if total > 0.0 {
+            (squares / total).sqrt() as f32
+        } else {
+            0.0
+        }
     }
 }
 
@@ -207,7 +242,9 @@ pub(super) fn golden_section(mut low: f32, mut high: f32, value: impl Fn(f32) ->
         }
     }
     let inside = if at_a < at_b { (a, at_a) } else { (b, at_b) };
-    ends.into_iter().fold(inside, |best, end| if end.1 < best.1 { end } else { best }).0
+    ends.into_iter()
+        .fold(inside, |best, end| if end.1 < best.1 { end } else { best })
+        .0
 }
 
 /// Diagonal of the inverse of a symmetric positive semi-definite matrix; infinite for unknowns that
@@ -223,10 +260,10 @@ fn inverse_diagonal(matrix: Vec<Vec<f64>>) -> Vec<f64> {
     let m = known.len();
     let mut a: Vec<Vec<f64>> = (0..m)
         .map(|i| {
-            let row = (0..m).map(|j| {
-                matrix[known[i]][known[j]] / (scale[known[i]] * scale[known[j]])
-            });
-            row.chain((0..m).map(|j| if i == j { 1.0 } else { 0.0 })).collect()
+            let row =
+                (0..m).map(|j| matrix[known[i]][known[j]] / (scale[known[i]] * scale[known[j]]));
+            row.chain((0..m).map(|j| if i == j { 1.0 } else { 0.0 }))
+                .collect()
         })
         .collect();
     let mut open: Vec<usize> = (0..m).collect();
@@ -251,7 +288,10 @@ fn inverse_diagonal(matrix: Vec<Vec<f64>>) -> Vec<f64> {
         for (i, other) in a.iter_mut().enumerate().filter(|(i, _)| *i != pivot) {
             let factor = other[pivot];
             debug_assert!(i != pivot);
-            other.iter_mut().zip(&row).for_each(|(v, r)| *v -= factor * r);
+            other
+                .iter_mut()
+                .zip(&row)
+                .for_each(|(v, r)| *v -= factor * r);
         }
     }
     for i in 0..m {

@@ -44,14 +44,23 @@ pub(super) fn estimate(trace: &Trace, columns: &Columns, settings: &FitSettings)
             st += modelled.dot(observed);
             tt += observed.length_squared();
         }
-        if ss > 0.0 && st > 0.0 { tt - st * st / ss } else { tt }
+        if ss > 0.0 && st > 0.0 {
+            tt - st * st / ss
+        } else {
+            tt
+        }
     };
-    let candidates = Ndf::ALL.into_iter().filter(|&ndf| settings.ndf.is_none_or(|n| n == ndf));
+    let candidates = Ndf::ALL
+        .into_iter()
+        .filter(|&ndf| settings.ndf.is_none_or(|n| n == ndf));
     let best = candidates
         .map(|ndf| {
-            let grid: Vec<f64> =
-                (0..ROUGHNESSES).map(|k| residual(ndf, roughness(k).ln())).collect();
-            let k = (0..ROUGHNESSES).min_by(|&a, &b| grid[a].total_cmp(&grid[b])).unwrap_or(0);
+            let grid: Vec<f64> = (0..ROUGHNESSES)
+                .map(|k| residual(ndf, roughness(k).ln()))
+                .collect();
+            let k = (0..ROUGHNESSES)
+                .min_by(|&a, &b| grid[a].total_cmp(&grid[b]))
+                .unwrap_or(0);
             let low = roughness(k.saturating_sub(1)).ln();
             let high = roughness((k + 1).min(ROUGHNESSES - 1)).ln();
             let ln_alpha = golden_section(low, high, |x| residual(ndf, x));
@@ -84,8 +93,16 @@ pub(super) fn estimate(trace: &Trace, columns: &Columns, settings: &FitSettings)
         rho_s: to_vec(albedos.rho_s),
         alpha: ln_alpha.exp(),
         ndf,
-        residual: if total > 0.0 { (albedos.objective / total).sqrt() as f32 } else { 0.0 },
-        status: if at_bound { Status::AlphaAtBound } else { Status::Converged },
+        residual: if total > 0.0 {
+            (albedos.objective / total).sqrt() as f32
+        } else {
+            0.0
+        },
+        status: if at_bound {
+            Status::AlphaAtBound
+        } else {
+            Status::Converged
+        },
         ..Estimate::without_data(Status::Converged, frames)
     }
 }

@@ -44,11 +44,22 @@ impl Glow<'_> {
 pub(super) fn outgoing(estimates: &[Estimate], irradiance_over_pi: &[Vec3]) -> Vec<Vec3> {
     let known = |e: &&Estimate| e.frames > 0 && e.sigma_rho_d.is_finite();
     let count = estimates.iter().filter(known).count().max(1) as f32;
-    let mean = estimates.iter().filter(known).map(|e| e.rho_d / count).sum::<Vec3>();
-    let albedos: Vec<Vec3> =
-        estimates.iter().map(|e| if known(&e) { e.rho_d } else { mean }).collect();
+    let mean = estimates
+        .iter()
+        .filter(known)
+        .map(|e| e.rho_d / count)
+        .sum::<Vec3>();
+    let albedos: Vec<Vec3> = estimates
+        .iter()
+        .map(|e| if known(&e) { e.rho_d } else { mean })
+        .collect();
     irradiance_over_pi
         .chunks(estimates.len().max(1))
-        .flat_map(|frame| frame.iter().zip(&albedos).map(|(light, albedo)| *light * *albedo))
+        .flat_map(|frame| {
+            frame
+                .iter()
+                .zip(&albedos)
+                .map(|(light, albedo)| *light * *albedo)
+        })
         .collect()
 }

@@ -66,7 +66,11 @@ impl LightCut {
         let mut waiting = 0;
         let mut highest = 0;
         // A patch either waits to be split, or is a texel and stands as it is, or is dropped.
-        let mut enter = |index: usize, buckets: &mut Vec<Vec<u32>>, chosen: &mut Vec<u32>, highest: &mut usize| -> usize {
+        let enter = |index: usize,
+                     buckets: &mut Vec<Vec<u32>>,
+                     chosen: &mut Vec<u32>,
+                     highest: &mut usize|
+         -> usize {
             let node = &nodes[index];
             match priority(node.direction, node.flux.element_sum(), node.spread) {
                 None => 0,
@@ -89,11 +93,18 @@ impl LightCut {
             while self.buckets[highest].is_empty() {
                 highest -= 1;
             }
-            let Some(index) = self.buckets[highest].pop() else { break };
+            let Some(index) = self.buckets[highest].pop() else {
+                break;
+            };
             waiting -= 1;
             let node = &nodes[index as usize];
             for child in node.first_child..node.first_child + node.children {
-                waiting += enter(child as usize, &mut self.buckets, &mut self.chosen, &mut highest);
+                waiting += enter(
+                    child as usize,
+                    &mut self.buckets,
+                    &mut self.chosen,
+                    &mut highest,
+                );
             }
         }
         for bucket in &mut self.buckets {
@@ -110,7 +121,9 @@ impl LightCut {
 
     /// The cut for diffuse reflection from any normal.
     pub(super) fn for_diffuse(&mut self, pyramid: &LightPyramid, budget: usize) {
-        self.refine(pyramid, budget, |_, flux, spread| Some(flux * spread * spread));
+        self.refine(pyramid, budget, |_, flux, spread| {
+            Some(flux * spread * spread)
+        });
     }
 }
 

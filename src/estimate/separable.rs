@@ -40,7 +40,11 @@ impl Gram {
 
     /// The best diffuse albedo beside a given specular one.
     fn diffuse_beside(&self, rho_s: f64) -> f64 {
-        if self.dd > 0.0 { ((self.dt - self.ds * rho_s) / self.dd).max(0.0) } else { 0.0 }
+        if self.dd > 0.0 {
+            ((self.dt - self.ds * rho_s) / self.dd).max(0.0)
+        } else {
+            0.0
+        }
     }
 
     /// The weighted squared residual.
@@ -73,7 +77,11 @@ pub(super) fn solve(grams: &[Gram; 3], colour: SpecularColour) -> Albedos {
 fn assemble(grams: &[Gram; 3], rho_s: [f64; 3]) -> Albedos {
     let rho_d = [0, 1, 2].map(|c| grams[c].diffuse_beside(rho_s[c]));
     let objective = (0..3).map(|c| grams[c].objective(rho_d[c], rho_s[c])).sum();
-    Albedos { rho_d, rho_s, objective }
+    Albedos {
+        rho_d,
+        rho_s,
+        objective,
+    }
 }
 
 /// The best specular albedo shared by some channels.
@@ -82,13 +90,21 @@ fn assemble(grams: &[Gram; 3], rho_s: [f64; 3]) -> Albedos {
 /// piece is a set of channels whose diffuse albedo is positive. The minimum over `rho_s ≥ 0` is at
 /// the vertex of one piece or at 0.
 fn best_specular(grams: &[Gram]) -> f64 {
-    let value =
-        |rho_s: f64| grams.iter().map(|g| g.objective(g.diffuse_beside(rho_s), rho_s)).sum::<f64>();
+    let value = |rho_s: f64| {
+        grams
+            .iter()
+            .map(|g| g.objective(g.diffuse_beside(rho_s), rho_s))
+            .sum::<f64>()
+    };
     let mut best = (value(0.0), 0.0);
     for active in 0..1u32 << grams.len() {
         let (mut numerator, mut denominator, mut scale) = (0.0, 0.0, 0.0);
         for (c, gram) in grams.iter().enumerate() {
-            let projected = if active >> c & 1 == 1 && gram.dd > 0.0 { gram.ds / gram.dd } else { 0.0 };
+            let projected = if active >> c & 1 == 1 && gram.dd > 0.0 {
+                gram.ds / gram.dd
+            } else {
+                0.0
+            };
             numerator += gram.st - projected * gram.dt;
             denominator += gram.ss - projected * gram.ds;
             scale += gram.ss;
@@ -139,7 +155,9 @@ mod tests {
 
     #[test]
     fn collinear_columns_stay_finite() {
-        let samples: Vec<_> = (1..5).map(|i| (f64::from(i), 2.0 * f64::from(i), [1.0; 3])).collect();
+        let samples: Vec<_> = (1..5)
+            .map(|i| (f64::from(i), 2.0 * f64::from(i), [1.0; 3]))
+            .collect();
         let a = solve(&grams(&samples), SpecularColour::Neutral);
         assert!(a.rho_d.iter().chain(&a.rho_s).all(|r| r.is_finite()));
     }

@@ -95,14 +95,20 @@ impl Visibility {
                 .map(|i| {
                     let (x, y) = (i % fine, i / fine);
                     let parent = y / 2 * n + x / 2;
-                    if border[parent] { look(fine, x, y) } else { coarser[parent] }
+                    if border[parent] {
+                        look(fine, x, y)
+                    } else {
+                        coarser[parent]
+                    }
                 })
                 .collect();
             n = fine;
         }
 
-        let finest: Vec<u8> =
-            cells.iter().map(|&c| if c == Cell::Blocked { 0 } else { 255 }).collect();
+        let finest: Vec<u8> = cells
+            .iter()
+            .map(|&c| if c == Cell::Blocked { 0 } else { 255 })
+            .collect();
         let open = Box::new(pyramid(finest));
         let blocked = patches
             .iter()
@@ -112,7 +118,12 @@ impl Visibility {
                 let direction = centre(COARSE, i % COARSE, i / COARSE);
                 let share = 1.0 - f32::from(open[2][i]) / 255.0;
                 let solid_angle = share * solid_angle(COARSE, i % COARSE, i / COARSE);
-                (share > 0.0).then_some(BlockedPatch { direction, solid_angle, triangle, barycentric })
+                (share > 0.0).then_some(BlockedPatch {
+                    direction,
+                    solid_angle,
+                    triangle,
+                    barycentric,
+                })
             })
             .collect();
         (Self::Partial { open, blocked }, rays)
@@ -126,8 +137,10 @@ impl Visibility {
             Self::Partial { open, .. } => {
                 // A cell of an n × n grid is about 3.5/n radians wide, a cone 2 × spread.
                 let wanted = 1.75 / spread.max(1e-3);
-                let level =
-                    LEVELS.iter().rposition(|&n| n as f32 >= wanted).unwrap_or(0);
+                let level = LEVELS
+                    .iter()
+                    .rposition(|&n| n as f32 >= wanted)
+                    .unwrap_or(0);
                 let n = LEVELS[level];
                 let uv = octahedral_from_direction(direction) * n as f32;
                 let cell = |x: f32| (x as usize).min(n - 1);
@@ -199,22 +212,30 @@ mod tests {
     /// A wall z ∈ [−50, 50], y ∈ [0, h] at x = 1, seen from the ground at the origin.
     fn wall(height: f32) -> Accel {
         let w = 50.0;
-        let positions =
-            [Vec3::new(1.0, 0.0, -w), Vec3::new(1.0, 0.0, w), Vec3::new(1.0, height, w), Vec3::new(1.0, height, -w)];
+        let positions = [
+            Vec3::new(1.0, 0.0, -w),
+            Vec3::new(1.0, 0.0, w),
+            Vec3::new(1.0, height, w),
+            Vec3::new(1.0, height, -w),
+        ];
         Accel::build(&positions, &[[0, 1, 2], [0, 2, 3]])
     }
 
     #[test]
     fn cells_cover_the_sphere() {
-        let sum: f32 =
-            (0..COARSE * COARSE).map(|i| solid_angle(COARSE, i % COARSE, i / COARSE)).sum();
+        let sum: f32 = (0..COARSE * COARSE)
+            .map(|i| solid_angle(COARSE, i % COARSE, i / COARSE))
+            .sum();
         assert!((sum / (4.0 * PI) - 1.0).abs() < 3e-3);
     }
 
     #[test]
     fn an_empty_scene_is_open() {
         let accel = Accel::build(&[], &[]);
-        assert!(matches!(Visibility::trace(&accel, Vec3::ZERO, Vec3::Y).0, Visibility::Open));
+        assert!(matches!(
+            Visibility::trace(&accel, Vec3::ZERO, Vec3::Y).0,
+            Visibility::Open
+        ));
     }
 
     #[test]
@@ -235,16 +256,25 @@ mod tests {
                     blocked += (1.0 - visibility.open(direction, 0.0)) / (n * n) as f32;
                 }
             }
-            assert!((blocked - expected).abs() < 4e-3, "{height}: {blocked} {expected}");
+            assert!(
+                (blocked - expected).abs() < 4e-3,
+                "{height}: {blocked} {expected}"
+            );
         }
     }
 
     #[test]
     fn blocked_patches_add_up_to_what_is_not_open() {
         let (visibility, _) = Visibility::trace(&wall(1.0), Vec3::ZERO, Vec3::Y);
-        let patches: f32 =
-            visibility.blocked().iter().map(|p| p.solid_angle * p.direction.y.max(0.0)).sum();
+        let patches: f32 = visibility
+            .blocked()
+            .iter()
+            .map(|p| p.solid_angle * p.direction.y.max(0.0))
+            .sum();
         let expected = PI * 0.5 * (1.0 - (0.25 * PI).cos());
-        assert!((patches / expected - 1.0).abs() < 0.05, "{patches} {expected}");
+        assert!(
+            (patches / expected - 1.0).abs() < 0.05,
+            "{patches} {expected}"
+        );
     }
 }

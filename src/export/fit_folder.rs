@@ -41,8 +41,7 @@ impl FitFolder<'_> {
     pub fn write(&self, out: &Path) -> Result<(), ExportError> {
         let maps = out.join("maps");
         let folder = if self.grid.is_some() { &maps } else { out };
-        std::fs::create_dir_all(folder)
-            .map_err(|error| ExportError::file(folder, error))?;
+        std::fs::create_dir_all(folder).map_err(|error| ExportError::file(folder, error))?;
         self.table.write_npz(&out.join("points.npz"))?;
 
         let mut mesh = self.mesh.clone();
@@ -72,8 +71,10 @@ impl FitFolder<'_> {
         };
         let path = out.join("scene.toml");
         let text = scene.to_toml(out);
-        write_atomically(&path, |file| std::io::Write::write_all(file, text.as_bytes()))
-            .map_err(|error| ExportError::file(&path, error))
+        write_atomically(&path, |file| {
+            std::io::Write::write_all(file, text.as_bytes())
+        })
+        .map_err(|error| ExportError::file(&path, error))
     }
 
     /// The estimates as vertex properties.
@@ -147,7 +148,9 @@ impl FitFolder<'_> {
     fn filled(&self, neighbours: impl Fn(usize) -> Vec<usize>) -> Parameters {
         let table = self.table;
         let count = table.alpha.len();
-        let seen: Vec<bool> = (0..count).map(|i| matches!(table.status[i], 0..=2)).collect();
+        let seen: Vec<bool> = (0..count)
+            .map(|i| matches!(table.status[i], 0..=2))
+            .collect();
         let lobe_known: Vec<bool> = table.status.iter().map(|&s| s == 0 || s == 2).collect();
         let adjacency: Vec<Vec<usize>> = (0..count).map(neighbours).collect();
 
@@ -155,7 +158,9 @@ impl FitFolder<'_> {
         let rho_d = fill(vectors(&table.rho_d), &seen, &adjacency);
         let rho_s = fill(vectors(&table.rho_s), &lobe_known, &adjacency);
         // Alpha and NDF share the filling: (alpha, GGX share, ·).
-        let lobe = (0..count).map(|i| Vec3::new(table.alpha[i], table.ndf[i] as f32, 0.0)).collect();
+        let lobe = (0..count)
+            .map(|i| Vec3::new(table.alpha[i], table.ndf[i] as f32, 0.0))
+            .collect();
         let lobe = fill(lobe, &lobe_known, &adjacency);
         Parameters {
             rho_d,
@@ -185,15 +190,27 @@ fn texel_neighbours(grid: &TexelGrid) -> impl Fn(usize) -> Vec<usize> + '_ {
 fn fill(mut values: Vec<Vec3>, known: &[bool], adjacency: &[Vec<usize>]) -> Vec<Vec3> {
     let mut known = known.to_vec();
     let count = known.iter().filter(|&&k| k).count();
-    let total: Vec3 = values.iter().zip(&known).filter(|(_, k)| **k).map(|(v, _)| *v).sum();
-    let mean = if count > 0 { total / count as f32 } else { Vec3::ZERO };
+    let total: Vec3 = values
+        .iter()
+        .zip(&known)
+        .filter(|(_, k)| **k)
+        .map(|(v, _)| *v)
+        .sum();
+    let mean = if count > 0 {
+        total / count as f32
+    } else {
+        Vec3::ZERO
+    };
     let mut waiting: Vec<usize> = (0..known.len()).filter(|&i| !known[i]).collect();
     while !waiting.is_empty() {
         let reached: Vec<(usize, Vec3)> = waiting
             .iter()
             .filter_map(|&i| {
-                let around: Vec<Vec3> =
-                    adjacency[i].iter().filter(|&&j| known[j]).map(|&j| values[j]).collect();
+                let around: Vec<Vec3> = adjacency[i]
+                    .iter()
+                    .filter(|&&j| known[j])
+                    .map(|&j| values[j])
+                    .collect();
                 let count = around.len() as f32;
                 (count > 0.0).then(|| (i, around.into_iter().sum::<Vec3>() / count))
             })
@@ -218,7 +235,13 @@ mod tests {
     #[test]
     fn gaps_take_their_neighbours_and_islands_the_mean() {
         // 0 – 1 – 2 – 3 in a chain, 4 alone; 0 and 3 are known.
-        let values = vec![Vec3::ZERO, Vec3::NAN, Vec3::NAN, Vec3::splat(2.0), Vec3::NAN];
+        let values = vec![
+            Vec3::ZERO,
+            Vec3::NAN,
+            Vec3::NAN,
+            Vec3::splat(2.0),
+            Vec3::NAN,
+        ];
         let adjacency = vec![vec![1], vec![0, 2], vec![1, 3], vec![2], vec![]];
         let filled = fill(values, &[true, false, false, true, false], &adjacency);
         assert_eq!(filled[1], Vec3::ZERO);

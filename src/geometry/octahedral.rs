@@ -10,7 +10,10 @@ pub fn octahedral_from_direction(d: Vec3) -> Vec2 {
     let folded = if p.z >= 0.0 {
         Vec2::new(p.x, p.y)
     } else {
-        Vec2::new((1.0 - p.y.abs()).copysign(p.x), (1.0 - p.x.abs()).copysign(p.y))
+        Vec2::new(
+            (1.0 - p.y.abs()).copysign(p.x),
+            (1.0 - p.x.abs()).copysign(p.y),
+        )
     };
     0.5 * folded + Vec2::splat(0.5)
 }

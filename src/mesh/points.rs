@@ -108,7 +108,9 @@ pub fn nearest_points(mesh: &Mesh, points: &[SurfacePoint]) -> Vec<[u32; 3]> {
         }
     }
     // Outwards from what is known, a ring of vertices at a time.
-    let mut rim: Vec<usize> = (0..nearest.len()).filter(|&v| nearest[v].is_some()).collect();
+    let mut rim: Vec<usize> = (0..nearest.len())
+        .filter(|&v| nearest[v].is_some())
+        .collect();
     while !rim.is_empty() {
         let mut next = Vec::new();
         for vertex in rim {
@@ -123,7 +125,10 @@ pub fn nearest_points(mesh: &Mesh, points: &[SurfacePoint]) -> Vec<[u32; 3]> {
         rim = next;
     }
     let at = |vertex: u32| nearest[weld(vertex)].map_or(0, |(_, index)| index);
-    mesh.triangles.iter().map(|corners| corners.map(at)).collect()
+    mesh.triangles
+        .iter()
+        .map(|corners| corners.map(at))
+        .collect()
 }
 
 #[cfg(test)]

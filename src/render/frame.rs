@@ -45,7 +45,12 @@ struct Pixel {
 ///
 /// Every pixel has its own sample sequence, keyed by seed, frame and pixel, and sums in f64: the
 /// result does not depend on the number of threads.
-pub fn render_frame(stage: &Stage, number: u32, angle: f64, settings: &FrameSettings) -> RenderedFrame {
+pub fn render_frame(
+    stage: &Stage,
+    number: u32,
+    angle: f64,
+    settings: &FrameSettings,
+) -> RenderedFrame {
     let camera = &stage.scene().camera;
     let (width, height) = (camera.width, camera.height);
     let view = stage.view(angle);
@@ -55,10 +60,12 @@ pub fn render_frame(stage: &Stage, number: u32, angle: f64, settings: &FrameSett
         let mut sum = DVec3::ZERO;
         let mut hits = 0;
         for index in 0..settings.samples_per_pixel {
-            let mut path =
-                SobolPath::new(settings.seed, number, (y * width + x) as u32, index);
+            let mut path = SobolPath::new(settings.seed, number, (y * width + x) as u32, index);
             let [jitter_x, jitter_y, ..] = path.next_4d();
-            let pixel = DVec2::new(x as f64 + f64::from(jitter_x), y as f64 + f64::from(jitter_y));
+            let pixel = DVec2::new(
+                x as f64 + f64::from(jitter_x),
+                y as f64 + f64::from(jitter_y),
+            );
             let ray = view.ray(pixel);
             stats.paths += 1;
             stats.closest_rays += 1;
@@ -74,10 +81,16 @@ pub fn render_frame(stage: &Stage, number: u32, angle: f64, settings: &FrameSett
         Pixel {
             radiance: (sum / f64::from(samples.max(1))).as_vec3(),
             // 255 is kept for pixels that every sample hit.
-            coverage: if hits == samples { 255 } else { (hits * 255 / samples.max(1)).min(254) as u8 },
+            coverage: if hits == samples {
+                255
+            } else {
+                (hits * 255 / samples.max(1)).min(254) as u8
+            },
             depth: at_centre.map_or(0.0, |hit| hit.t * stage.mesh.scale as f32),
             normal: at_centre.map_or(Vec3::ZERO, |hit| {
-                stage.mesh.normal_at(hit.triangle, glam::Vec2::new(hit.u, hit.v))
+                stage
+                    .mesh
+                    .normal_at(hit.triangle, glam::Vec2::new(hit.u, hit.v))
             }),
             triangle: at_centre.map_or(-1.0, |hit| hit.triangle as f32),
         }
@@ -106,7 +119,11 @@ pub fn render_frame(stage: &Stage, number: u32, angle: f64, settings: &FrameSett
             height,
             pixels: pixels.iter().map(|p| p.radiance.to_array()).collect(),
         },
-        mask: Mask { width, height, pixels: pixels.iter().map(|p| p.coverage).collect() },
+        mask: Mask {
+            width,
+            height,
+            pixels: pixels.iter().map(|p| p.coverage).collect(),
+        },
         aovs: vec![
             channel("depth.Z", &|p| p.depth),
             channel("id.T", &|p| p.triangle),

@@ -47,8 +47,15 @@ pub(super) fn radiance(
         let position = mesh.position_at(hit.triangle, barycentric);
         let side = mesh.geometric_normal(hit.triangle);
         let leave = |direction: Vec3| {
-            let outwards = if side.dot(direction) < 0.0 { -side } else { side };
-            Ray { origin: offset_origin(position, outwards), direction }
+            let outwards = if side.dot(direction) < 0.0 {
+                -side
+            } else {
+                side
+            };
+            Ray {
+                origin: offset_origin(position, outwards),
+                direction,
+            }
         };
         let brdf = stage.material.at(mesh, hit.triangle, barycentric);
         let (u_light, u_brdf) = as_points(path.next_4d());
@@ -68,7 +75,9 @@ pub(super) fn radiance(
         }
 
         // A direction from the lobe: it meets the light, or the object again.
-        let Some(sample) = brdf.sample(wo, u_lobe, u_brdf) else { break };
+        let Some(sample) = brdf.sample(wo, u_lobe, u_brdf) else {
+            break;
+        };
         throughput *= sample.weight;
         ray = leave(frame.from_local(sample.wi));
         stats.closest_rays += 1;

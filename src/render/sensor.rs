@@ -21,7 +21,8 @@ pub fn expose(image: &mut RgbImage, sensor: &Sensor, exposure: f64, seed: u64, f
     let steps = ((1u64 << sensor.bits) - 1) as f64;
     for (i, pixel) in image.pixels.iter_mut().enumerate() {
         let state = u128::from(seed) << 64 | u128::from(frame) << 32 | i as u128;
-        let mut random = Pcg64Mcg::new(state.wrapping_mul(0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c835) | 1);
+        let mut random =
+            Pcg64Mcg::new(state.wrapping_mul(0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c835) | 1);
         for channel in pixel {
             let mean = f64::from(*channel) * exposure * sensor.full_well_electrons;
             let shot = if mean > 0.0 {
@@ -42,13 +43,26 @@ pub fn expose(image: &mut RgbImage, sensor: &Sensor, exposure: f64, seed: u64, f
 mod tests {
     use super::*;
 
-    const SENSOR: Sensor =
-        Sensor { full_well_electrons: 30_000.0, read_noise_electrons: 5.0, bits: 14, exposure: 0.5 };
+    const SENSOR: Sensor = Sensor {
+        full_well_electrons: 30_000.0,
+        read_noise_electrons: 5.0,
+        bits: 14,
+        exposure: 0.5,
+    };
 
     fn exposed(radiance: f32) -> Vec<f64> {
-        let mut image = RgbImage { width: 100, height: 100, pixels: vec![[radiance; 3]; 10_000] };
+        let mut image = RgbImage {
+            width: 100,
+            height: 100,
+            pixels: vec![[radiance; 3]; 10_000],
+        };
         expose(&mut image, &SENSOR, 1.0, 3, 7);
-        image.pixels.iter().flatten().map(|&v| f64::from(v)).collect()
+        image
+            .pixels
+            .iter()
+            .flatten()
+            .map(|&v| f64::from(v))
+            .collect()
     }
 
     #[test]
@@ -60,7 +74,10 @@ mod tests {
             let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
             let expected = SENSOR.variance(f64::from(radiance), 1.0);
             assert!((mean - f64::from(radiance)).abs() < 4.0 * (expected / n).sqrt());
-            assert!((variance / expected - 1.0).abs() < 4.0 * (2.0 / n).sqrt(), "{variance} {expected}");
+            assert!(
+                (variance / expected - 1.0).abs() < 4.0 * (2.0 / n).sqrt(),
+                "{variance} {expected}"
+            );
         }
     }
 

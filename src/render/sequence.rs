@@ -13,9 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::{FrameSettings, RenderStats, Stage, expose, render_frame};
 use crate::image::{ImageError, write_atomically, write_exr, write_exr_channels};
 use crate::mesh::{MeshError, write_ply};
-use crate::scene::{
-    Capture, CaptureFrame, ObjectSource, ProbeSource, Scene,
-};
+use crate::scene::{Capture, CaptureFrame, ObjectSource, ProbeSource, Scene};
 
 /// How a sequence is rendered and where it goes.
 #[derive(Clone, Debug)]
@@ -107,7 +105,10 @@ pub fn render_sequence(
     let count = scene.angles.len();
     let frames = settings.frames.clone().unwrap_or(0..count);
     if frames.start >= frames.end || frames.end > count {
-        return Err(RenderError::Frames { asked: frames, count });
+        return Err(RenderError::Frames {
+            asked: frames,
+            count,
+        });
     }
 
     write_surroundings(scene, stage, settings)?;
@@ -125,14 +126,22 @@ pub fn render_sequence(
             let angle = scene.angles[number];
             let mut frame = render_frame(stage, number as u32, angle, &settings.frame);
             if let Some(sensor) = &scene.sensor {
-                expose(&mut frame.radiance, sensor, 1.0, settings.frame.seed, number as u32);
+                expose(
+                    &mut frame.radiance,
+                    sensor,
+                    1.0,
+                    settings.frame.seed,
+                    number as u32,
+                );
             }
             if settings.aovs {
                 let path = frame_path(&settings.out, "aovs", number, "exr");
                 let (width, height) = (frame.mask.width, frame.mask.height);
                 write_exr_channels(&path, width, height, &frame.aovs)?;
             }
-            frame.mask.write(&frame_path(&settings.out, "masks", number, "png"))?;
+            frame
+                .mask
+                .write(&frame_path(&settings.out, "masks", number, "png"))?;
             write_exr(&image_path, &frame.radiance)?;
             on_frame(number);
             Ok(frame.stats)
@@ -165,7 +174,10 @@ fn write_surroundings(
     }
 
     // The same scene, with its files in the folder.
-    let probe = ProbeSource { image: out.join("probe.exr"), rotation: scene.probe.rotation };
+    let probe = ProbeSource {
+        image: out.join("probe.exr"),
+        rotation: scene.probe.rotation,
+    };
     let (material, maps) = scene.material.with_maps_in(&truth);
     let in_truth = Scene {
         object: placed(truth.join("mesh.ply"), stage),
@@ -201,12 +213,16 @@ fn write_surroundings(
     }
     write_bytes(&truth.join("scene.toml"), scene_text.as_bytes())?;
 
-    let frames = scene.angles.iter().enumerate().map(|(number, &angle)| CaptureFrame {
-        image: frame_path(out, "images", number, "exr"),
-        mask: Some(frame_path(out, "masks", number, "png")),
-        angle,
-        exposure: 1.0,
-    });
+    let frames = scene
+        .angles
+        .iter()
+        .enumerate()
+        .map(|(number, &angle)| CaptureFrame {
+            image: frame_path(out, "images", number, "exr"),
+            mask: Some(frame_path(out, "masks", number, "png")),
+            angle,
+            exposure: 1.0,
+        });
     let capture = Capture {
         object: placed(out.join("mesh.ply"), stage),
         probe,
@@ -222,7 +238,11 @@ fn write_surroundings(
 
 /// A mesh that is written in the object frame needs no placing.
 fn placed(mesh: PathBuf, stage: &Stage) -> ObjectSource {
-    ObjectSource { mesh, object_from_file: Default::default(), flat: !stage.mesh.smooth }
+    ObjectSource {
+        mesh,
+        object_from_file: Default::default(),
+        flat: !stage.mesh.smooth,
+    }
 }
 
 /// Refuses a folder that holds another capture, or this one when nobody asked to go on with it.
@@ -232,7 +252,9 @@ fn check_provenance(
     settings: &SequenceSettings,
 ) -> Result<(), RenderError> {
     let path = out.join("render.toml");
-    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(()) };
+    let Ok(text) = std::fs::read_to_string(&path) else {
+        return Ok(());
+    };
     // Ranges of frames may be rendered apart into one folder.
     if !settings.resume && settings.frames.is_none() {
         return Err(RenderError::Exists(out.to_owned()));
@@ -241,35 +263,63 @@ fn check_provenance(
         return Err(RenderError::Exists(out.to_owned()));
     };
     let pairs = [
-        ("turnlight version", begun.turnlight, asked.turnlight.clone()),
+        (
+            "turnlight version",
+            begun.turnlight,
+            asked.turnlight.clone(),
+        ),
         ("scene", begun.scene, asked.scene.clone()),
         ("mesh", begun.mesh, asked.mesh.clone()),
         ("probe", begun.probe, asked.probe.clone()),
-        ("spp", begun.samples_per_pixel.to_string(), asked.samples_per_pixel.to_string()),
-        ("bounces", begun.bounces.to_string(), asked.bounces.to_string()),
+        (
+            "spp",
+            begun.samples_per_pixel.to_string(),
+            asked.samples_per_pixel.to_string(),
+        ),
+        (
+            "bounces",
+            begun.bounces.to_string(),
+            asked.bounces.to_string(),
+        ),
         ("seed", begun.seed.to_string(), asked.seed.to_string()),
     ];
     match pairs.into_iter().find(|(_, begun, asked)| begun != asked) {
-        Some((key, begun, asked)) => Err(RenderError::Differs { path, key, begun, asked }),
+        Some((key, begun, asked)) => Err(RenderError::Differs {
+            path,
+            key,
+            begun,
+            asked,
+        }),
         None => Ok(()),
     }
 }
 
 fn make_folder(path: &Path) -> Result<(), RenderError> {
-    std::fs::create_dir_all(path).map_err(|source| RenderError::Write { path: path.into(), source })
+    std::fs::create_dir_all(path).map_err(|source| RenderError::Write {
+        path: path.into(),
+        source,
+    })
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, RenderError> {
-    std::fs::read(path).map_err(|source| RenderError::Read { path: path.into(), source })
+    std::fs::read(path).map_err(|source| RenderError::Read {
+        path: path.into(),
+        source,
+    })
 }
 
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), RenderError> {
-    write_atomically(path, |file| std::io::Write::write_all(file, bytes))
-        .map_err(|source| RenderError::Write { path: path.into(), source })
+    write_atomically(path, |file| std::io::Write::write_all(file, bytes)).map_err(|source| {
+        RenderError::Write {
+            path: path.into(),
+            source,
+        }
+    })
 }
 
 fn has_extension(path: &Path, extension: &str) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
 /// FNV-1a, 64 bit, as text: enough to notice that a file is not the one it was.

@@ -6,7 +6,7 @@ use crate::accel::Accel;
 use crate::mesh::Mesh;
 use crate::probe::Environment;
 use crate::rig::View;
-use crate::scene::{MaterialField, Scene, AssetError};
+use crate::scene::{AssetError, MaterialField, Scene};
 
 /// A scene read into memory. Its geometry stands still; poses turn camera and light around it.
 pub struct Stage {
@@ -36,13 +36,27 @@ impl Stage {
         .filter(|(_, report)| !report.trim().is_empty())
         .map(|(path, report)| format!("{}: {}", path.display(), report.trim()))
         .collect();
-        Ok((Self { mesh, accel, material, environment, scene: scene.clone() }, warnings))
+        Ok((
+            Self {
+                mesh,
+                accel,
+                material,
+                environment,
+                scene: scene.clone(),
+            },
+            warnings,
+        ))
     }
 
     /// The camera as the object sees it at a turntable angle (radians).
     pub fn view(&self, angle: f64) -> View {
         let object_from_mesh: DAffine3 = self.mesh.object_from_mesh();
-        View::new(&self.scene.camera, &self.scene.turn, angle, object_from_mesh)
+        View::new(
+            &self.scene.camera,
+            &self.scene.turn,
+            angle,
+            object_from_mesh,
+        )
     }
 
     /// What was read.

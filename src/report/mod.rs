@@ -1,8 +1,117 @@
-//! Results as one self-contained HTML page.
-use std::path::Path;
-/// stub
+//! Results as one self-contained HTML page: what was fitted, how well it reproduces the
+//! observation, and what the parameters look like on the object.
+
+mod charts;
+mod embed;
+mod page;
+mod views;
+
+use std::path::{Path, PathBuf};
+
+use crate::compare::{CompareError, compare_sequences};
+use crate::export::{ExportError, PointTable};
+use crate::image::{ImageError, RgbImage, write_atomically};
+use crate::scene::{AssetError, Capture, Scene, SceneError};
+
+/// Why a report could not be written.
 #[derive(Debug, thiserror::Error)]
-#[error("stub")]
-pub struct ReportError;
-/// stub
-pub fn write_report(_fit: &Path, _reproduced: Option<&Path>, _out: &Path) -> Result<(), ReportError> { Ok(()) }
+pub enum ReportError {
+    /// The fit's arrays.
+    #[error(transparent)]
+    Table(#[from] ExportError),
+    /// The fit's scene or the capture.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// A file that they name.
+    #[error(transparent)]
+    Asset(#[from] AssetError),
+    /// An image.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// The comparison with the reproduction.
+    #[error(transparent)]
+    Compare(#[from] CompareError),
+    /// The fit's record.
+    #[error("{}: {reason}; give a folder that `turnlight fit` wrote", path.display())]
+    Record {
+        /// `fit.toml`.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The page could not be written.
+    #[error("{}: cannot be written: {source}; check the disk and the permissions", path.display())]
+    Write {
+        /// The page or an image in it.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// One frame as it was observed and, if there is a reproduction, as it is reproduced.
+struct FramePair {
+    name: String,
+    observed: RgbImage,
+    reproduced: Option<RgbImage>,
+}
+
+/// Frames shown on the page, evenly spread over the sequence.
+const FRAMES_SHOWN: usize = 4;
+
+/// Writes the page about the fit folder `fit` to `out`; `reproduced` is a folder that
+/// `turnlight reproduce` wrote.
+pub fn write_report(fit: &Path, reproduced: Option<&Path>, out: &Path) -> Result<(), ReportError> {
+    let table = PointTable::read_npz(&fit.join("points.npz"))?;
+    let record_path = fit.join("fit.toml");
+    let record = |reason: String| ReportError::Record {
+        path: record_path.clone(),
+        reason,
+    };
+    let text = std::fs::read_to_string(&record_path).map_err(|e| record(e.to_string()))?;
+    let settings: toml::Table = toml::from_str(&text).map_err(|e| record(e.to_string()))?;
+    let capture_path = settings
+        .get("capture")
+        .and_then(toml::Value::as_str)
+        .ok_or_else(|| record("it has no key capture".to_owned()))?;
+    let capture = Capture::load(Path::new(capture_path))?;
+    let scene = Scene::load(&fit.join("scene.toml"))?;
+
+    // A few frames, and the figures over all of them.
+    let count = capture.frames.len();
+    let shown = (0..FRAMES_SHOWN.min(count)).map(|i| i * count / FRAMES_SHOWN.min(count));
+    let frames = shown
+        .map(|number| {
+            let path = &capture.frames[number].image;
+            let name = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            let twin = reproduced.map(|folder| folder.join("images").join(&name));
+            Ok(FramePair {
+                name,
+                observed: RgbImage::read(path)?,
+                reproduced: twin.map(|path| RgbImage::read(&path)).transpose()?,
+            })
+        })
+        .collect::<Result<Vec<_>, ReportError>>()?;
+    let errors = reproduced
+        .map(|folder| compare_sequences(Path::new(capture_path), folder, None))
+        .transpose()?;
+
+    let views = views::parameter_views(&scene, &table)?;
+    let html =
+        page::page(&settings, &table, &frames, errors.as_ref(), &views).map_err(|source| {
+            ReportError::Write {
+                path: out.to_owned(),
+                source,
+            }
+        })?;
+    write_atomically(out, |file| std::io::Write::write_all(file, html.as_bytes())).map_err(
+        |source| ReportError::Write {
+            path: out.to_owned(),
+            source,
+        },
+    )
+}

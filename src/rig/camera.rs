@@ -182,7 +182,9 @@ impl Camera {
         if point.z <= 0.0 {
             return None;
         }
-        let p = self.distortion.distort(DVec2::new(point.x / point.z, point.y / point.z));
+        let p = self
+            .distortion
+            .distort(DVec2::new(point.x / point.z, point.y / point.z));
         let k = &self.intrinsics;
         Some(DVec2::new(k.fx * p.x + k.cx, k.fy * p.y + k.cy))
     }

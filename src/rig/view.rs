@@ -63,7 +63,10 @@ impl View {
     pub fn ray(&self, pixel: DVec2) -> Ray {
         let p = self.camera.ideal_point(pixel);
         let direction = (self.mesh_from_camera * DVec3::new(p.x, p.y, 1.0)).normalize();
-        Ray { origin: self.position, direction: direction.as_vec3().normalize() }
+        Ray {
+            origin: self.position,
+            direction: direction.as_vec3().normalize(),
+        }
     }
 
     /// Width, in mesh units, of what one pixel sees at `distance` face on.
@@ -75,7 +78,8 @@ impl View {
     /// Pixel coordinates of a point in the mesh frame, or `None` behind the camera; they may lie
     /// outside the image.
     pub fn project(&self, point: Vec3) -> Option<DVec2> {
-        self.camera.project_from_camera(self.camera_from_mesh.transform_point3(point.as_dvec3()))
+        self.camera
+            .project_from_camera(self.camera_from_mesh.transform_point3(point.as_dvec3()))
     }
 }
 

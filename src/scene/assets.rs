@@ -53,7 +53,11 @@ pub enum AssetError {
 impl ObjectSource {
     /// Reads, repairs and places the mesh; the report says what was repaired.
     pub fn load(&self) -> Result<(Mesh, MeshReport), AssetError> {
-        Ok(Mesh::load(&self.mesh, &self.object_from_file, LoadOptions { flat: self.flat })?)
+        Ok(Mesh::load(
+            &self.mesh,
+            &self.object_from_file,
+            LoadOptions { flat: self.flat },
+        )?)
     }
 }
 
@@ -61,7 +65,9 @@ impl ProbeSource {
     /// Reads and repairs the light probe; the report says what was repaired.
     pub fn load(&self) -> Result<(Environment, ProbeReport), AssetError> {
         let image = RgbImage::read(&self.image)?;
-        Environment::new(image, self.rotation)
-            .map_err(|source| AssetError::Probe { path: self.image.clone(), source })
+        Environment::new(image, self.rotation).map_err(|source| AssetError::Probe {
+            path: self.image.clone(),
+            source,
+        })
     }
 }

@@ -29,7 +29,10 @@ impl Value for f32 {
         rgb.x
     }
     fn read_vertex(mesh: &Mesh, name: &str) -> Result<Vec<Self>, String> {
-        mesh.attributes.get(name).cloned().ok_or_else(|| name.to_owned())
+        mesh.attributes
+            .get(name)
+            .cloned()
+            .ok_or_else(|| name.to_owned())
     }
 }
 
@@ -47,7 +50,11 @@ impl Value for Vec3 {
             mesh.attributes.get(&full).ok_or(full)
         };
         let (r, g, b) = (channel("r")?, channel("g")?, channel("b")?);
-        Ok(r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect())
+        Ok(r.iter()
+            .zip(g)
+            .zip(b)
+            .map(|((&r, &g), &b)| Vec3::new(r, g, b))
+            .collect())
     }
 }
 
@@ -57,17 +64,22 @@ impl<T: Value> Map<T> {
             MapSource::Constant(value) => Ok(Self::Constant(*value)),
             MapSource::Texture(path) => {
                 if mesh.uvs.is_none() {
-                    return Err(AssetError::NoTextureCoordinates { key, map: path.clone() });
+                    return Err(AssetError::NoTextureCoordinates {
+                        key,
+                        map: path.clone(),
+                    });
                 }
                 Ok(Self::Texture(RgbImage::read(path)?))
             }
-            MapSource::Vertex(name) => T::read_vertex(mesh, name).map(Self::Vertex).map_err(
-                |missing| AssetError::NoVertexProperty {
-                    key,
-                    property: missing,
-                    known: mesh.attributes.keys().cloned().collect(),
-                },
-            ),
+            MapSource::Vertex(name) => {
+                T::read_vertex(mesh, name)
+                    .map(Self::Vertex)
+                    .map_err(|missing| AssetError::NoVertexProperty {
+                        key,
+                        property: missing,
+                        known: mesh.attributes.keys().cloned().collect(),
+                    })
+            }
         }
     }
 

@@ -66,7 +66,9 @@ impl<T: Clone> MapSource<T> {
     /// The same source with its image, if it has one, in `folder` under the parameter's name; the
     /// move is added to `moves`.
     fn moved(&self, folder: &Path, name: &str, moves: &mut Vec<(PathBuf, PathBuf)>) -> Self {
-        let Self::Texture(from) = self else { return self.clone() };
+        let Self::Texture(from) = self else {
+            return self.clone();
+        };
         let extension = from.extension().unwrap_or_default();
         let to = folder.join(name).with_extension(extension);
         moves.push((from.clone(), to.clone()));

@@ -152,7 +152,9 @@ impl<'a> Section<'a> {
     /// True or false.
     pub(super) fn boolean(&self, key: &str) -> Checked<Option<bool>> {
         let read = |value: &Value| {
-            value.as_bool().ok_or_else(|| self.wrong(key, value, "true or false"))
+            value
+                .as_bool()
+                .ok_or_else(|| self.wrong(key, value, "true or false"))
         };
         self.value(key).map(read).transpose()
     }

@@ -98,13 +98,23 @@ pub fn collect(
     settings: &CollectSettings,
     on_frame: &(dyn Fn(usize) + Sync),
 ) -> Result<(TraceSet, TraceStats), TraceError> {
-    let mut traces: Vec<Trace> =
-        points.into_iter().map(|point| Trace { point, observations: Vec::new() }).collect();
+    let mut traces: Vec<Trace> = points
+        .into_iter()
+        .map(|point| Trace {
+            point,
+            observations: Vec::new(),
+        })
+        .collect();
     let mut stats = TraceStats::default();
     let mut world_from_object = Vec::with_capacity(capture.frames.len());
     let object_from_mesh = mesh.object_from_mesh();
     for (number, frame) in capture.frames.iter().enumerate() {
-        let view = View::new(&capture.camera, &capture.turn, frame.angle, object_from_mesh);
+        let view = View::new(
+            &capture.camera,
+            &capture.turn,
+            frame.angle,
+            object_from_mesh,
+        );
         world_from_object.push(view.world_from_object());
         let photograph = Photograph::read(capture, frame)?;
 
@@ -117,13 +127,23 @@ pub fn collect(
             }
             outcome.count()
         };
-        let counts: Vec<TraceStats> =
-            traces.par_chunks_mut(256).map(|chunk| sum(chunk.iter_mut().map(look))).collect();
+        let counts: Vec<TraceStats> = traces
+            .par_chunks_mut(256)
+            .map(|chunk| sum(chunk.iter_mut().map(look)))
+            .collect();
         stats = sum([stats].into_iter().chain(counts));
         on_frame(number);
     }
     let noise_is_known = capture.sensor.is_some();
-    Ok((TraceSet { traces, world_from_object, points_of_triangle, noise_is_known }, stats))
+    Ok((
+        TraceSet {
+            traces,
+            world_from_object,
+            points_of_triangle,
+            noise_is_known,
+        },
+        stats,
+    ))
 }
 
 /// What became of a point in a frame.
@@ -136,9 +156,15 @@ enum Outcome {
 
 impl Outcome {
     fn count(&self) -> TraceStats {
-        let one = TraceStats { pairs: 1, ..TraceStats::default() };
+        let one = TraceStats {
+            pairs: 1,
+            ..TraceStats::default()
+        };
         match self {
-            Self::TurnedAway => TraceStats { turned_away: 1, ..one },
+            Self::TurnedAway => TraceStats {
+                turned_away: 1,
+                ..one
+            },
             Self::Outside => TraceStats { outside: 1, ..one },
             Self::Hidden => TraceStats { hidden: 1, ..one },
             Self::Observed(_) => TraceStats { observed: 1, ..one },
@@ -178,7 +204,13 @@ impl Photograph {
             if (found_width, found_height) == (width, height) {
                 return Ok(());
             }
-            Err(TraceError::Size { path: path.clone(), found_width, found_height, width, height })
+            Err(TraceError::Size {
+                path: path.clone(),
+                found_width,
+                found_height,
+                width,
+                height,
+            })
         };
         let image = RgbImage::read(&frame.image)?;
         check(&frame.image, image.width, image.height)?;
@@ -193,7 +225,12 @@ impl Photograph {
             let value = Vec3::from(*pixel);
             if !value.is_finite() {
                 let path = frame.image.clone();
-                return Err(TraceError::NotFinite { path, x: i % width, y: i / width, value });
+                return Err(TraceError::NotFinite {
+                    path,
+                    x: i % width,
+                    y: i / width,
+                    value,
+                });
             }
             total += value.extend(1.0);
         }
@@ -220,7 +257,9 @@ impl Photograph {
             return Outcome::TurnedAway;
         }
         // Which pixel does it fall on, and does the object cover that pixel whole?
-        let Some(pixel) = view.project(point.position) else { return Outcome::Outside };
+        let Some(pixel) = view.project(point.position) else {
+            return Outcome::Outside;
+        };
         let (x, y) = (pixel.x.floor(), pixel.y.floor());
         let (width, height) = (self.image.width, self.image.height);
         if !(x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64) {
@@ -228,7 +267,11 @@ impl Photograph {
         }
         let (x, y) = (x as usize, y as usize);
         let index = y * width + x;
-        if self.mask.as_ref().is_some_and(|mask| mask.pixels[index] != 255) {
+        if self
+            .mask
+            .as_ref()
+            .is_some_and(|mask| mask.pixels[index] != 255)
+        {
             return Outcome::Outside;
         }
         // Is the patch in that pixel the surface around the point? Within two pixels' width,
@@ -268,7 +311,11 @@ impl Noise {
                         sensor.variance(f64::from(value), *exposure) as f32
                     }
                 };
-                Vec3::new(variance(radiance.x), variance(radiance.y), variance(radiance.z))
+                Vec3::new(
+                    variance(radiance.x),
+                    variance(radiance.y),
+                    variance(radiance.z),
+                )
             }
             Self::Assumed(mean) => {
                 let (relative, floor) = ASSUMED_NOISE;

@@ -39,7 +39,12 @@ pub(super) fn footprint(
     reach: f32,
 ) -> Option<Footprint> {
     let centre = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-    let corners = [(-GAUSS, -GAUSS), (GAUSS, -GAUSS), (-GAUSS, GAUSS), (GAUSS, GAUSS)];
+    let corners = [
+        (-GAUSS, -GAUSS),
+        (GAUSS, -GAUSS),
+        (-GAUSS, GAUSS),
+        (GAUSS, GAUSS),
+    ];
     let mut normals = [Vec3::ZERO; 4];
     let mut geometric_normal = Vec3::ZERO;
     for (normal, (dx, dy)) in normals.iter_mut().zip(corners) {
@@ -55,7 +60,11 @@ pub(super) fn footprint(
     if normals.iter().any(|n| n.dot(mean) < LARGEST_TURN_COS) {
         return None;
     }
-    let spread: f32 = normals.iter().map(|n| (*n - mean).length_squared()).sum::<f32>() / 4.0;
+    let spread: f32 = normals
+        .iter()
+        .map(|n| (*n - mean).length_squared())
+        .sum::<f32>()
+        / 4.0;
     Some(Footprint {
         normal: mean,
         geometric_normal: geometric_normal.try_normalize()?,

@@ -1,0 +1,212 @@
+//! The page itself.
+
+use std::io;
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::charts::{histogram, line, short};
+use super::views::{ParameterView, STATUS_COLOURS, difference, quantile};
+use super::{FramePair, embed};
+use crate::compare::SequenceErrors;
+use crate::export::PointTable;
+use crate::image::ToneCurve;
+
+const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;\
+padding:0 1em;color:#222}h1{font-size:1.5em}h2{font-size:1.15em;margin-top:2em}\
+table{border-collapse:collapse}td,th{padding:.2em .8em .2em 0;text-align:left;vertical-align:top}\
+figure{display:inline-block;margin:.4em .8em .4em 0;vertical-align:top}figcaption{font-size:.85em}\
+img{image-rendering:pixelated;background:#202226}svg{fill:#35618f;background:#f4f5f7}\
+svg text{fill:#444;font-size:11px}polyline{fill:none;stroke:#35618f;stroke-width:1.5}\
+.dot{display:inline-block;width:.8em;height:.8em;margin-right:.4em}";
+
+/// Names of the status codes and what they mean.
+const STATUS: [(&str, &str); 6] = [
+    (
+        "converged",
+        "a minimum inside the range of alpha, which the data determine",
+    ),
+    (
+        "unidentifiable",
+        "no highlight tells alpha; the diffuse albedo may still be good",
+    ),
+    ("alpha at bound", "the best alpha is at an end of its range"),
+    ("too few samples", "fewer usable samples than unknowns"),
+    ("unseen", "never seen by the camera"),
+    ("saturated", "every sample is saturated"),
+];
+
+pub(super) fn page(
+    record: &toml::Table,
+    table: &PointTable,
+    frames: &[FramePair],
+    errors: Option<&SequenceErrors>,
+    views: &[ParameterView],
+) -> io::Result<String> {
+    let frames = frame_rows(frames, errors)?;
+    let views = views
+        .iter()
+        .map(|view| Ok((view, embed::display(view.width, view.height, &view.pixels)?)))
+        .collect::<io::Result<Vec<_>>>()?;
+    let body = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                title { "turnlight: material of a capture" }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                h1 { "Material of a turntable capture" }
+                @for key in ["capture", "points", "turnlight"] {
+                    @if let Some(value) = record.get(key).and_then(toml::Value::as_str) {
+                        div { b { (key) } ": " (value) }
+                    }
+                }
+                h2 { "Observed and reproduced" }
+                @if let Some(errors) = errors { (comparison(errors)) }
+                @else { p { "No reproduction was given; see " code { "turnlight reproduce" } "." } }
+                (frames)
+                h2 { "Parameters on the object" }
+                p { "From the camera, and from behind." }
+                @for (view, uri) in &views {
+                    figure {
+                        img src=(uri) width=(view.width) height=(view.height);
+                        figcaption { b { (view.title) } ": " (view.legend) }
+                    }
+                }
+                h2 { "How the points ended" }
+                (status_counts(table))
+                h2 { "Parameters of the converged points" }
+                (parameters(table))
+                h2 { "Settings, counters, seconds" }
+                @for (name, value) in record {
+                    @if let Some(section) = value.as_table() { (settings(name, section)) }
+                }
+            }
+        }
+    };
+    Ok(body.into_string())
+}
+
+fn comparison(errors: &SequenceErrors) -> Markup {
+    let overall = &errors.overall;
+    let psnr: Vec<f64> = errors
+        .frames
+        .iter()
+        .map(|frame| frame.errors.psnr_db)
+        .collect();
+    html! {
+        p {
+            "Over the object's pixels of all " (errors.frames.len()) " frames: PSNR "
+            b { (format!("{:.2}", overall.psnr_db)) } " dB, SSIM " b { (overall.ssim.map_or("–".to_owned(), |s| format!("{s:.4}"))) }
+            ", relative MSE " b { (format!("{:.2e}", overall.rel_mse)) }
+            ". The observation's own noise is part of these errors."
+        }
+        figure { (PreEscaped(line(&psnr))) figcaption { "PSNR by frame, dB" } }
+    }
+}
+
+fn frame_rows(frames: &[FramePair], errors: Option<&SequenceErrors>) -> io::Result<Markup> {
+    let exposure = errors.map_or_else(|| exposure_of(frames), |errors| errors.exposure);
+    let curve = ToneCurve { exposure };
+    let mut rows = Vec::new();
+    for frame in frames {
+        let mut images = vec![("observed", embed::radiance(&frame.observed, curve)?)];
+        if let Some(reproduced) = &frame.reproduced {
+            images.push(("reproduced", embed::radiance(reproduced, curve)?));
+            if let Some(difference) = difference(&frame.observed, reproduced) {
+                images.push(("difference × 8", embed::radiance(&difference, curve)?));
+            }
+        }
+        rows.push((frame, images));
+    }
+    Ok(html! {
+        @for (frame, images) in &rows {
+            div {
+                @for (title, uri) in images {
+                    figure {
+                        img src=(uri) width=(frame.observed.width) height=(frame.observed.height);
+                        figcaption { (frame.name) ", " (title) }
+                    }
+                }
+            }
+        }
+    })
+}
+
+/// Maps the 99th percentile of the brightest channel to white.
+fn exposure_of(frames: &[FramePair]) -> f64 {
+    let mut peaks: Vec<f32> = frames
+        .iter()
+        .flat_map(|frame| frame.observed.pixels.iter())
+        .map(|p| p[0].max(p[1]).max(p[2]))
+        .filter(|&v| v > 0.0)
+        .collect();
+    let white = quantile(&mut peaks, 0.99);
+    if white > 0.0 {
+        1.0 / f64::from(white)
+    } else {
+        1.0
+    }
+}
+
+fn status_counts(table: &PointTable) -> Markup {
+    html! {
+        table {
+            @for (code, (name, meaning)) in STATUS.iter().enumerate() {
+                @let count = table.status.iter().filter(|&&s| s == code as i32).count();
+                @let [r, g, b] = STATUS_COLOURS[code];
+                tr {
+                    td { span.dot style=(format!("background:rgb({r},{g},{b})")) {} (name) }
+                    td { (count) }
+                    td { (meaning) }
+                }
+            }
+        }
+    }
+}
+
+fn parameters(table: &PointTable) -> Markup {
+    let converged: Vec<usize> = (0..table.len()).filter(|&i| table.status[i] == 0).collect();
+    let select = |value: &dyn Fn(usize) -> f32| -> Vec<f32> {
+        converged.iter().map(|&i| value(i)).collect()
+    };
+    let rows: [(&str, Vec<f32>); 8] = [
+        ("rho_d red", select(&|i| table.rho_d[i][0])),
+        ("rho_d green", select(&|i| table.rho_d[i][1])),
+        ("rho_d blue", select(&|i| table.rho_d[i][2])),
+        ("rho_s", select(&|i| table.rho_s[i][1])),
+        ("alpha", select(&|i| table.alpha[i])),
+        (
+            "sigma of alpha / alpha",
+            select(&|i| table.sigma_alpha[i] / table.alpha[i]),
+        ),
+        ("share of GGX", select(&|i| table.ndf[i] as f32)),
+        ("relative residual", select(&|i| table.residual[i])),
+    ];
+    let strongest = quantile(&mut rows[3].1.clone(), 0.98).max(0.1);
+    html! {
+        table {
+            tr { th { "parameter" } th { "lower quartile" } th { "median" } th { "upper quartile" } }
+            @for (name, values) in &rows {
+                tr {
+                    td { (name) }
+                    @for share in [0.25, 0.5, 0.75] { td { (short(quantile(&mut values.clone(), share))) } }
+                }
+            }
+        }
+        figure { (PreEscaped(histogram(&rows[4].1, 0.01, 1.0, true))) figcaption { "alpha" } }
+        figure { (PreEscaped(histogram(&rows[3].1, 0.0, strongest, false))) figcaption { "rho_s" } }
+    }
+}
+
+fn settings(name: &str, section: &toml::Table) -> Markup {
+    html! {
+        h3 { (name) }
+        table {
+            @for (key, value) in section {
+                tr { td { (key) } td { (value.to_string()) } }
+            }
+        }
+    }
+}
