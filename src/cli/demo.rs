@@ -3,7 +3,7 @@
 //! Render a painted head on a turntable with sensor noise, fit it, render the estimate, compare,
 //! and write one page about it. The scene is compiled in, so the demo runs from anywhere.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use clap::Parser;
@@ -31,8 +31,8 @@ const FILES: [(&str, &[u8]); 3] = [
         include_bytes!("../../scenes/meshes/suzanne-painted.ply"),
     ),
     (
-        "probes/interior.exr",
-        include_bytes!("../../scenes/probes/interior.exr"),
+        "probes/courtyard.exr",
+        include_bytes!("../../scenes/probes/courtyard.exr"),
     ),
 ];
 
@@ -50,11 +50,11 @@ pub(super) fn run(arguments: &Demo, common: &Common) -> Result<(), Failure> {
         let path = out.join("scenes").join(name);
         write_file(&path, bytes)?;
     }
-    let scene = Scene::load(&out.join("scenes/suzanne-painted/scene.toml"))?;
+    let scene = Scene::load(out.join("scenes/suzanne-painted/scene.toml"))?;
     let (capture_folder, fit_folder) = (out.join("capture"), out.join("fit"));
     let reproduced = out.join("reproduced");
     let sampling = Sampling {
-        spp: 64,
+        spp: 256,
         max_depth: 6,
         seed: 0,
         frames: None,
@@ -118,7 +118,7 @@ fn default_choices(capture: &Path, out: &Path) -> Result<super::arguments::FitCh
     }
 }
 
-fn write_file(path: &PathBuf, bytes: &[u8]) -> Result<(), Failure> {
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let write = || {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)?;

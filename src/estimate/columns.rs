@@ -59,8 +59,8 @@ pub(super) struct Scratch {
 }
 
 impl<'a> ForwardModel<'a> {
-    /// Number of static nodes for diffuse reflection. The cosine is smooth: 1024 nodes leave 0.1 %.
-    const DIFFUSE_NODES: usize = 1024;
+    /// Number of static nodes for diffuse reflection. The cosine is smooth: 512 nodes leave 0.2 %.
+    const DIFFUSE_NODES: usize = 512;
 
     /// The nodes that serve every diffuse trace.
     pub(super) fn diffuse_nodes(pyramid: &LightPyramid) -> Vec<LightNode> {

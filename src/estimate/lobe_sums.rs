@@ -145,10 +145,7 @@ fn beckmann(nodes: &NodeArrays, alpha: f32) -> Vec3 {
 fn accumulate(nodes: &NodeArrays, weight: impl Fn(&Block, usize) -> f32) -> Vec3 {
     let mut sums = [[0.0f32; LANES]; 3];
     for block in &nodes.blocks {
-        let mut weights = [0.0; LANES];
-        for lane in 0..LANES {
-            weights[lane] = weight(block, lane);
-        }
+        let weights: Lane = std::array::from_fn(|lane| weight(block, lane));
         for (sum, flux) in sums.iter_mut().zip(&block.flux) {
             for lane in 0..LANES {
                 sum[lane] += weights[lane] * flux[lane];

@@ -151,7 +151,7 @@ impl FitFolder<'_> {
         let seen: Vec<bool> = (0..count)
             .map(|i| matches!(table.status[i], 0..=2))
             .collect();
-        let lobe_known: Vec<bool> = table.status.iter().map(|&s| s == 0 || s == 2).collect();
+        let lobe_known: Vec<bool> = (0..count).map(|i| lobe_is_known(table, i)).collect();
         let adjacency: Vec<Vec<usize>> = (0..count).map(neighbours).collect();
 
         let vectors = |rows: &[[f32; 3]]| rows.iter().map(|v| Vec3::from(*v)).collect::<Vec<_>>();
@@ -169,6 +169,18 @@ impl FitFolder<'_> {
             ggx: lobe.iter().map(|v| v.y).collect(),
         }
     }
+}
+
+/// Whether a point's own lobe is worth more than its neighbours': alpha known to 25 % and rho_s to
+/// 50 %, one standard deviation. Beyond, the product of the two fits the frames that were seen, and
+/// either may be wrong by orders of magnitude in another light. An estimator without error bars is
+/// taken at its word.
+fn lobe_is_known(table: &PointTable, i: usize) -> bool {
+    let strongest = table.rho_s[i].into_iter().fold(0.0, f32::max);
+    let (sigma_alpha, sigma_rho_s) = (table.sigma_alpha[i], table.sigma_rho_s[i]);
+    let without_bars = sigma_alpha.is_infinite() && sigma_rho_s.is_infinite();
+    let precise = sigma_alpha < 0.25 * table.alpha[i] && sigma_rho_s < 0.5 * strongest;
+    table.status[i] == 0 && (without_bars || precise)
 }
 
 /// Which points lie beside a texel's, over texel edges.

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::integrator::radiance;
 use super::{RenderStats, Stage};
 use crate::image::{Channel, Mask, RgbImage};
+use crate::rig::View;
 use crate::sampling::SobolPath;
 
 /// How a frame is sampled.
@@ -41,6 +42,45 @@ struct Pixel {
     triangle: f32,
 }
 
+impl Pixel {
+    const BACKGROUND: Self = Self {
+        radiance: Vec3::ZERO,
+        coverage: 0,
+        depth: 0.0,
+        normal: Vec3::ZERO,
+        triangle: -1.0,
+    };
+}
+
+/// Pixels that the object may cover: those within the box of some projected triangle. No ray of
+/// any other pixel can meet the object, so it is not sampled at all.
+///
+/// A pixel of margin makes up for rounding and for lens distortion bending the edges; a triangle
+/// that reaches behind the camera covers everything.
+fn covered_pixels(stage: &Stage, view: &View, width: usize, height: usize) -> Vec<bool> {
+    let projected: Vec<Option<DVec2>> = stage
+        .mesh
+        .positions
+        .iter()
+        .map(|&p| view.project(p))
+        .collect();
+    let mut covered = vec![false; width * height];
+    let clip = |x: f64, n: usize| x.clamp(0.0, n as f64) as usize;
+    for corners in &stage.mesh.triangles {
+        let [Some(a), Some(b), Some(c)] = corners.map(|v| projected[v as usize]) else {
+            covered.fill(true);
+            return covered;
+        };
+        let (low, high) = (a.min(b).min(c) - 1.0, a.max(b).max(c) + 2.0);
+        let columns = clip(low.x, width)..clip(high.x, width);
+        for y in clip(low.y, height)..clip(high.y, height) {
+            covered[y * width + columns.start..y * width + columns.end.max(columns.start)]
+                .fill(true);
+        }
+    }
+    covered
+}
+
 /// Renders the frame number `number` of the turntable at `angle` (radians).
 ///
 /// Every pixel has its own sample sequence, keyed by seed, frame and pixel, and sums in f64: the
@@ -56,7 +96,13 @@ pub fn render_frame(
     let view = stage.view(angle);
     let light = stage.environment.turned(view.world_from_object());
 
+    let covered = covered_pixels(stage, &view, width, height);
+
     let render_pixel = |x: usize, y: usize, stats: &mut RenderStats| {
+        if !covered[y * width + x] {
+            stats.background_pixels += 1;
+            return Pixel::BACKGROUND;
+        }
         let mut sum = DVec3::ZERO;
         let mut hits = 0;
         for index in 0..settings.samples_per_pixel {

@@ -15,6 +15,8 @@ pub struct RenderStats {
     pub shadow_rays: u64,
     /// Surface interactions shaded.
     pub bounces: u64,
+    /// Pixels skipped because no triangle projects onto them.
+    pub background_pixels: u64,
 }
 
 impl AddAssign for RenderStats {
@@ -23,5 +25,6 @@ impl AddAssign for RenderStats {
         self.closest_rays += other.closest_rays;
         self.shadow_rays += other.shadow_rays;
         self.bounces += other.bounces;
+        self.background_pixels += other.background_pixels;
     }
 }

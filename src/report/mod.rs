@@ -75,7 +75,7 @@ pub fn write_report(fit: &Path, reproduced: Option<&Path>, out: &Path) -> Result
         .and_then(toml::Value::as_str)
         .ok_or_else(|| record("it has no key capture".to_owned()))?;
     let capture = Capture::load(Path::new(capture_path))?;
-    let scene = Scene::load(&fit.join("scene.toml"))?;
+    let scene = Scene::load(fit.join("scene.toml"))?;
 
     // A few frames, and the figures over all of them.
     let count = capture.frames.len();

@@ -41,6 +41,7 @@ fn scene() -> Scene {
         object: ObjectSource {
             mesh: "mesh.ply".into(),
             object_from_file: Similarity::default(),
+            flat: false,
         },
         material: MaterialSource {
             ggx: Ndf::Ggx.into(),
