@@ -19,12 +19,8 @@ use turnlight::sampling::cosine_hemisphere;
 use harness::{Failure, Histogram, Random, assert_family};
 use quadrature::{integrate, lobe_normal};
 
-/// A debug build is some ten times slower.
-const SAMPLES: usize = if cfg!(debug_assertions) {
-    20_000
-} else {
-    200_000
-};
+/// The same in every build, so that fixed seeds give one outcome.
+const SAMPLES: usize = 200_000;
 
 const ALPHAS: [f32; 6] = [0.02, 0.05, 0.1, 0.3, 0.7, 1.0];
 const THETAS_O: [f32; 5] = [0.0, 30.0, 60.0, 80.0, 89.0];
