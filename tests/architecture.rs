@@ -1,6 +1,8 @@
 //! The order of the modules in `lib.rs` is the order in which data flows: a module may name only
 //! modules above it, and some not even those.
 
+#![expect(clippy::unwrap_used, reason = "a test may stop at once")]
+
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 

@@ -61,7 +61,7 @@ fn main() -> Result<()> {
 fn open(path: impl AsRef<Path>) -> Result<NpyFile<BufReader<File>>> {
     let path = path.as_ref();
     let name = || path.display().to_string();
-    Ok(NpyFile::new(BufReader::new(File::open(path).with_context(name)?)).with_context(name)?)
+    NpyFile::new(BufReader::new(File::open(path).with_context(name)?)).with_context(name)
 }
 
 fn floats(path: &str) -> Result<Vec<f32>> {

@@ -83,6 +83,7 @@ impl RayHit {
     }
 }
 
+type Release = unsafe extern "C" fn(Handle);
 type Query = unsafe extern "C" fn(Handle, *mut RayHit, *mut c_void);
 
 /// A mesh in an Embree scene.
@@ -91,9 +92,8 @@ pub struct Embree {
     device: Handle,
     intersect: Query,
     occluded: Query,
-    release_scene: unsafe extern "C" fn(Handle),
-    release_device: unsafe extern "C" fn(Handle),
-    _library: Library,
+    release_scene: Release,
+    release_device: Release,
 }
 
 // SAFETY: Embree allows concurrent queries of a committed scene.
@@ -152,6 +152,11 @@ impl Embree {
             let commit_scene: Symbol<unsafe extern "C" fn(Handle)> =
                 library.get(b"rtcCommitScene\0")?;
 
+            let intersect: Query = *library.get(b"rtcIntersect1\0")?;
+            let occluded: Query = *library.get(b"rtcOccluded1\0")?;
+            let release_scene: Release = *library.get(b"rtcReleaseScene\0")?;
+            let release_device: Release = *library.get(b"rtcReleaseDevice\0")?;
+
             let device = new_device(std::ptr::null());
             if device.is_null() {
                 return Err(EmbreeError::Embree(device_error(device)));
@@ -175,14 +180,16 @@ impl Embree {
             commit_scene(scene);
             let error = device_error(device);
 
+            // The library stays loaded for good: the threads with which it has built the scene
+            // outlive the device, and would go on in memory that is no longer mapped.
+            std::mem::forget(library);
             let embree = Self {
                 scene,
                 device,
-                intersect: *library.get(b"rtcIntersect1\0")?,
-                occluded: *library.get(b"rtcOccluded1\0")?,
-                release_scene: *library.get(b"rtcReleaseScene\0")?,
-                release_device: *library.get(b"rtcReleaseDevice\0")?,
-                _library: library,
+                intersect,
+                occluded,
+                release_scene,
+                release_device,
             };
             if error == 0 {
                 Ok(embree)

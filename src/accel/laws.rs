@@ -25,18 +25,54 @@ fn portable(accel: &Accel) -> Accel {
     }
 }
 
-/// `[t, u, v]` of a ray and one triangle in double precision (Möller and Trumbore 1997).
-fn exact_hit(ray: &Ray, corners: [Vec3; 3]) -> Option<[f64; 3]> {
-    let [a, b, c] = corners.map(|corner| corner.as_dvec3());
-    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-    let (ab, ac, from_a): (DVec3, DVec3, DVec3) = (b - a, c - a, origin - a);
-    let p = direction.cross(ac);
-    let determinant = ab.dot(p);
-    if determinant == 0.0 {
-        return None;
+/// Where a ray meets the plane of a triangle, in double precision (Möller and Trumbore 1997), and
+/// how far single precision may be off.
+struct ExactHit {
+    t: f64,
+    u: f64,
+    v: f64,
+    /// Absolute, of `t`.
+    t_error: f64,
+    /// Absolute, of the barycentric coordinates.
+    uv_error: f64,
+}
+
+impl ExactHit {
+    /// `None` if the ray runs in the plane, or the triangle has no area.
+    fn of(ray: &Ray, corners: [Vec3; 3]) -> Option<Self> {
+        let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+        let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let (ab, ac, from_a): (DVec3, DVec3, DVec3) = (b - a, c - a, origin - a);
+        let p = direction.cross(ac);
+        let determinant = ab.dot(p);
+        let q = from_a.cross(ab);
+        let normal = ab.cross(ac);
+        let longest = ab.length().max(ac.length()).max((b - c).length());
+        if determinant == 0.0 {
+            return None;
+        }
+        // Each vertex moves by a few roundings of the largest coordinate; the hit moves by as much
+        // across the ray and by more along it, the more the ray grazes.
+        let reach = [a, b, c, origin]
+            .map(|v| v.abs().max_element())
+            .into_iter()
+            .fold(0.0, f64::max);
+        let rounding = 16.0 * f64::from(f32::EPSILON) / 2.0 * reach;
+        let grazing = (determinant / (normal.length() * direction.length())).abs();
+        let height = normal.length() / longest;
+        Some(Self {
+            t: ac.dot(q) / determinant,
+            u: from_a.dot(p) / determinant,
+            v: direction.dot(q) / determinant,
+            t_error: rounding / grazing * (longest / height),
+            uv_error: rounding / (grazing * height),
+        })
     }
-    let q = from_a.cross(ab);
-    Some([ac.dot(q), from_a.dot(p), direction.dot(q)].map(|x| x / determinant))
+
+    /// The smallest barycentric coordinate: how far inside the triangle the hit is.
+    fn inside(&self) -> f64 {
+        self.u.min(self.v).min(1.0 - self.u - self.v)
+    }
 }
 
 /// An octahedron divided `levels` times, turned so that no edge lies in a coordinate plane.
@@ -121,22 +157,21 @@ proptest! {
             let found = accel.closest_hit(&ray, f32::INFINITY);
             prop_assert_eq!(found.is_some(), accel.occluded(&ray, f32::INFINITY));
 
-            // What was found is a hit.
-            let epsilon = 1e-3;
-            if let Some(hit) = found {
-                let Some([t, u, v]) = exact_hit(&ray, of(hit.triangle as usize)) else {
-                    return Err(TestCaseError::fail("hit a triangle edge on"));
-                };
-                prop_assert!(u > -epsilon && v > -epsilon && u + v < 1.0 + epsilon);
-                prop_assert!((t - f64::from(hit.t)).abs() < epsilon * t);
-                prop_assert!((u - f64::from(hit.u)).abs() < epsilon);
-                prop_assert!((v - f64::from(hit.v)).abs() < epsilon);
+            // What was found is a hit, as exact as single precision can be.
+            if let Some(hit) = found
+                && let Some(exact) = ExactHit::of(&ray, of(hit.triangle as usize))
+            {
+                prop_assert!(exact.inside() > -exact.uv_error);
+                prop_assert!((exact.t - f64::from(hit.t)).abs() < exact.t_error);
+                prop_assert!((exact.u - f64::from(hit.u)).abs() < exact.uv_error);
+                prop_assert!((exact.v - f64::from(hit.v)).abs() < exact.uv_error);
             }
-            // Nothing clearly nearer was missed.
+            // Nothing that is surely nearer was missed.
             for i in 0..triangles.len() {
-                let Some([t, u, v]) = exact_hit(&ray, of(i)) else { continue };
-                if t > 0.0 && u > epsilon && v > epsilon && u + v < 1.0 - epsilon {
-                    prop_assert!(found.is_some_and(|hit| f64::from(hit.t) < t * (1.0 + epsilon)));
+                let Some(exact) = ExactHit::of(&ray, of(i)) else { continue };
+                if exact.t > exact.t_error && exact.inside() > exact.uv_error {
+                    let latest = exact.t + exact.t_error;
+                    prop_assert!(found.is_some_and(|hit| f64::from(hit.t) < latest));
                 }
             }
         }

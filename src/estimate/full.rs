@@ -326,6 +326,6 @@ mod tests {
     #[test]
     fn golden_section_finds_inner_and_end_minima() {
         assert!((golden_section(-1.0, 2.0, |x| f64::from(x - 0.3).powi(2)) - 0.3).abs() < 2e-4);
-        assert_eq!(golden_section(-1.0, 2.0, |x| f64::from(x)), -1.0);
+        assert_eq!(golden_section(-1.0, 2.0, f64::from), -1.0);
     }
 }
