@@ -14,7 +14,6 @@ use super::ply::Attribute;
 use super::xml::Xml;
 use crate::brdf::Alpha;
 use crate::export::ExportError;
-use crate::export::files::read_map;
 use crate::image::RgbImage;
 use crate::mesh::Mesh;
 use crate::scene::{MapSource, MaterialSource, SpecularSource};
@@ -198,9 +197,14 @@ impl Maps<'_> {
                 Ok(self.keep(key, image))
             }
             MapSource::Vertex(property) => {
-                let planes = ["r", "g", "b"]
-                    .map(|channel| self.property(key, &format!("{property}_{channel}")));
-                let [r, g, b] = planes;
+                // One property is neutral; three with suffixes are RGB.
+                let suffixes = if self.mesh.attributes.contains_key(property) {
+                    [""; 3]
+                } else {
+                    ["_r", "_g", "_b"]
+                };
+                let [r, g, b] =
+                    suffixes.map(|suffix| self.property(key, &format!("{property}{suffix}")));
                 let (r, g, b) = (r?, g?, b?);
                 let samples = (0..r.len())
                     .flat_map(|v| [r[v], g[v], b[v]])
@@ -224,7 +228,7 @@ impl Maps<'_> {
 
     fn texture(&self, key: &'static str, path: &std::path::Path) -> Result<RgbImage, ExportError> {
         if self.mesh.uvs.is_some() {
-            return read_map(path);
+            return Ok(RgbImage::read(path)?);
         }
         let remedy = "unwrap the mesh, or give the parameter by vertex".to_owned();
         Err(ExportError::Mesh {

@@ -139,6 +139,24 @@ fn maps_become_attributes_and_blends() {
 }
 
 #[test]
+fn one_vertex_property_makes_a_neutral_colour() {
+    let mut scene = scene();
+    scene.material.rho_d = MapSource::Vertex("alpha".into());
+    let (_, ply) = export(&scene, &tetrahedron()).unwrap();
+    let body = ply
+        .windows(11)
+        .position(|window| window == b"end_header\n")
+        .unwrap()
+        + 11;
+    let row: Vec<f32> = ply[body..body + 44]
+        .chunks(4)
+        .map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap()))
+        .collect();
+    // The albedo 0.125 over the diffuse lobe's share of one half.
+    assert_eq!(row[8..], [0.25; 3]);
+}
+
+#[test]
 fn what_mitsuba_cannot_do_is_refused_by_name() {
     let mesh = tetrahedron();
     let error = |change: &dyn Fn(&mut Scene), mesh: &Mesh| {
