@@ -21,17 +21,7 @@ pub fn compare_images(
     test: &RgbImage,
     mask: Option<&Mask>,
 ) -> Result<ImageErrors, CompareError> {
-    let pair = Pair::new(
-        Named {
-            name: "the reference",
-            image: reference,
-        },
-        Named {
-            name: "the test image",
-            image: test,
-        },
-        mask.map(|mask| ("the mask", mask)),
-    )?;
+    let pair = unnamed_pair(reference, test, mask)?;
     let mut percentile = Percentile::new();
     pair.add_reference(&mut percentile);
     Ok(pair
@@ -49,7 +39,17 @@ pub fn compare_at_exposure(
     mask: Option<&Mask>,
     curve: ToneCurve,
 ) -> Result<ImageErrors, CompareError> {
-    let pair = Pair::new(
+    let pair = unnamed_pair(reference, test, mask)?;
+    Ok(pair.sums(curve).errors())
+}
+
+/// A pair that no file names.
+fn unnamed_pair<'a>(
+    reference: &'a RgbImage,
+    test: &'a RgbImage,
+    mask: Option<&'a Mask>,
+) -> Result<Pair<'a>, CompareError> {
+    Pair::new(
         Named {
             name: "the reference",
             image: reference,
@@ -59,8 +59,7 @@ pub fn compare_at_exposure(
             image: test,
         },
         mask.map(|mask| ("the mask", mask)),
-    )?;
-    Ok(pair.sums(curve).errors())
+    )
 }
 
 /// An image and what messages call it.

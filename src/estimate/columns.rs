@@ -16,7 +16,8 @@ pub(super) const ROUGHNESSES: usize = 28;
 const RANGE: (f32, f32) = (0.01, 1.0);
 
 /// Roughness number `k` of the grid, even in the logarithm. Steps of 19 % leave an error of cubic
-/// interpolation of 2e-4 of a trace's peak (test `interpolated_traces_match_direct_ones`).
+/// interpolation of 1.3e-3 of a trace's peak (test
+/// `traces_between_roughnesses_are_those_of_the_integral`).
 pub(super) fn roughness(k: usize) -> f32 {
     RANGE.0 * (RANGE.1 / RANGE.0).powf(k as f32 / (ROUGHNESSES - 1) as f32)
 }
@@ -59,13 +60,14 @@ pub(super) struct Scratch {
 }
 
 impl<'a> ForwardModel<'a> {
-    /// Number of static nodes for diffuse reflection. The cosine is smooth: 512 nodes leave 0.2 %.
-    const DIFFUSE_NODES: usize = 512;
+    /// Number of static nodes for diffuse reflection. The cosine is smooth: 512 nodes leave 0.1 % in
+    /// the median, 0.3 % in nine of ten (test `default_nodes_reach_their_stated_errors`).
+    pub(super) const DIFFUSE_NODES: usize = 512;
 
-    /// The nodes that serve every diffuse trace.
-    pub(super) fn diffuse_nodes(pyramid: &LightPyramid) -> Vec<LightNode> {
+    /// About `budget` nodes that serve every diffuse trace.
+    pub(super) fn diffuse_nodes(pyramid: &LightPyramid, budget: usize) -> Vec<LightNode> {
         let mut cut = LightCut::default();
-        cut.for_diffuse(pyramid, Self::DIFFUSE_NODES);
+        cut.for_diffuse(pyramid, budget);
         cut.chosen
             .iter()
             .map(|&i| pyramid.nodes()[i as usize])

@@ -43,7 +43,7 @@ pub fn fit(
     let paper = settings.estimator == Estimator::Gradient;
     let model = ForwardModel {
         pyramid,
-        diffuse_nodes: ForwardModel::diffuse_nodes(pyramid),
+        diffuse_nodes: ForwardModel::diffuse_nodes(pyramid, ForwardModel::DIFFUSE_NODES),
         world_from_object: &traces.world_from_object,
         eta: settings.eta,
         light_nodes: settings.light_nodes,

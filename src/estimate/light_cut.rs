@@ -51,9 +51,9 @@ impl Lobe {
 }
 
 impl LightCut {
-    /// A cut of about `budget` nodes for a lobe. `keep` says whether a patch (direction in the world
-    /// frame, spread) can matter at all.
-    pub(super) fn refine(
+    /// A cut of about `budget` nodes: the patch of the highest priority, asked for by direction (world
+    /// frame), flux and spread, is split first; one without a priority is dropped.
+    fn refine(
         &mut self,
         pyramid: &LightPyramid,
         budget: usize,

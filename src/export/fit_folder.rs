@@ -4,8 +4,9 @@ use std::path::Path;
 
 use glam::Vec3;
 
+use super::files::write_atomically;
 use super::{ExportError, PointTable};
-use crate::image::{Channel, write_atomically, write_exr_channels};
+use crate::image::{Channel, write_exr_channels};
 use crate::mesh::{Mesh, TexelGrid, neighbours, write_ply};
 use crate::scene::{
     Capture, MapSource, MaterialSource, ObjectSource, ProbeSource, Scene, SpecularSource,
@@ -74,7 +75,6 @@ impl FitFolder<'_> {
         write_atomically(&path, |file| {
             std::io::Write::write_all(file, text.as_bytes())
         })
-        .map_err(|error| ExportError::file(&path, error))
     }
 
     /// The estimates as vertex properties.

@@ -60,7 +60,7 @@ pub struct Camera {
 /// What can be wrong with a camera's numbers.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
-    /// `position` and `look_at` coincide, or the view runs along +Y, so that "up" has no meaning.
+    /// `position` and `look_at` coincide, or the view runs along the up direction.
     #[error(
         "look_at = {look_at}: the view direction from position = {position} is {problem}; move one of them"
     )]
@@ -98,13 +98,15 @@ impl Intrinsics {
 }
 
 impl Camera {
-    /// A camera at `position` looking at `look_at`, its up direction +Y projected.
+    /// A camera at `position` looking at `look_at`, its up direction `up` projected (+Y unless the
+    /// camera is rolled).
     pub fn looking_at(
         (width, height): (usize, usize),
         intrinsics: Intrinsics,
         distortion: Distortion,
         position: DVec3,
         look_at: DVec3,
+        up: DVec3,
     ) -> Result<Self, CameraError> {
         let view = |problem| CameraError::View {
             position,
@@ -115,9 +117,9 @@ impl Camera {
             .try_normalize()
             .ok_or_else(|| view("zero"))?;
         let right = forward
-            .cross(DVec3::Y)
+            .cross(up)
             .try_normalize()
-            .ok_or_else(|| view("parallel to +Y"))?;
+            .ok_or_else(|| view("parallel to up"))?;
         let down = forward.cross(right);
         let checks = [
             ("width", width as f64, width > 0, "at least 1 pixel"),
@@ -244,6 +246,7 @@ mod tests {
             distortion,
             DVec3::new(0.3, 1.0, 4.0),
             DVec3::ZERO,
+            DVec3::Y,
         )
         .unwrap()
     }
@@ -265,6 +268,7 @@ mod tests {
             Distortion::default(),
             DVec3::Y,
             DVec3::ZERO,
+            DVec3::Y,
         )
         .unwrap_err();
         assert!(error.to_string().contains("look_at"));

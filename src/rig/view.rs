@@ -102,6 +102,7 @@ mod tests {
                 Distortion::default(),
                 origin + scale * DVec3::new(0.5, 1.0, 4.0),
                 origin,
+                DVec3::Y,
             ).unwrap();
             let turn = Turn { axis: DVec3::new(0.1, 1.0, -0.2).normalize(), center: origin };
             let object_from_mesh = DAffine3::from_scale_rotation_translation(

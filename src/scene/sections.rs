@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::path::Path;
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DQuat, DVec3};
 use toml::Value;
 
 use super::error::Problem;
@@ -118,37 +118,16 @@ pub(super) fn camera(top: &Section<'_>) -> Checked<Camera> {
         section.need_vector("position")?,
         section.need_vector("look_at")?,
     );
-    let Some(up) = section.direction("up")? else {
-        return Camera::looking_at((width, height), intrinsics, distortion, position, look_at)
-            .map_err(|error| camera_problem(&section, error));
-    };
-    // A rolled camera: "down" is −up made orthogonal to the view.
-    let view = |problem| {
-        camera_problem(
-            &section,
-            CameraError::View {
-                position,
-                look_at,
-                problem,
-            },
-        )
-    };
-    let forward = (look_at - position)
-        .try_normalize()
-        .ok_or_else(|| view("zero"))?;
-    let right = forward
-        .cross(up)
-        .try_normalize()
-        .ok_or_else(|| view("parallel to up"))?;
-    let world_from_camera = DMat3::from_cols(right, forward.cross(right), forward);
-    Ok(Camera {
-        width,
-        height,
+    let up = section.direction("up")?.unwrap_or(DVec3::Y);
+    Camera::looking_at(
+        (width, height),
         intrinsics,
         distortion,
         position,
-        world_from_camera,
-    })
+        look_at,
+        up,
+    )
+    .map_err(|error| camera_problem(&section, error))
 }
 
 /// A field of view, or the four numbers of a calibration.

@@ -62,6 +62,7 @@ fn scene() -> Scene {
             Distortion::default(),
             position,
             DVec3::ZERO,
+            DVec3::Y,
         )
         .unwrap(),
         turn: Turn {

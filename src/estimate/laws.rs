@@ -1,0 +1,157 @@
+//! How close the forward model's sums are to the integrals they stand for, on the shipped probes.
+
+use glam::{DQuat, Mat3, Vec2, Vec3};
+
+use super::columns::{Columns, ForwardModel, ROUGHNESSES, Scratch, roughness};
+use super::visibility::Visibility;
+use crate::image::RgbImage;
+use crate::mesh::SurfacePoint;
+use crate::probe::{Environment, LightPyramid};
+use crate::sampling::SobolPath;
+use crate::traces::{Observation, Trace};
+
+const ALPHAS: [f32; 5] = [0.05, 0.1, 0.2, 0.5, 0.95];
+
+fn pyramid(probe: &str) -> LightPyramid {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/probes");
+    let image = RgbImage::read(&folder.join(probe)).unwrap();
+    LightPyramid::new(&Environment::new(image, 0.0).unwrap().0)
+}
+
+/// An open point seen from many sides: normals and views drawn over the sphere, view within 75° of
+/// the normal.
+fn trace(observations: usize) -> Trace {
+    let observe = |i: usize| {
+        let [a, b, c, d] = SobolPath::new(5, 0, 0, i as u32).next_4d();
+        let normal = DQuat::from_rotation_y(6.283 * f64::from(a)).as_quat()
+            * Vec3::new(0.0, 2.0 * b - 1.0, (1.0 - (2.0 * b - 1.0).powi(2)).sqrt());
+        let frame = crate::geometry::Frame::about(normal);
+        let (sin, cos) = (1.3 * c).sin_cos();
+        let (y, x) = (6.283 * d).sin_cos();
+        let wo = frame.from_local(crate::geometry::Local(Vec3::new(sin * x, sin * y, cos)));
+        Observation {
+            frame: 0,
+            radiance: Vec3::ONE,
+            variance: Vec3::ONE,
+            wo,
+            normal,
+            geometric_normal: normal,
+            normal_variance: 0.0,
+        }
+    };
+    let point = SurfacePoint {
+        position: Vec3::ZERO,
+        normal: Vec3::Y,
+        triangle: 0,
+        barycentric: Vec2::ZERO,
+        uv: None,
+    };
+    Trace {
+        point,
+        observations: (0..observations).map(observe).collect(),
+    }
+}
+
+fn columns(pyramid: &LightPyramid, trace: &Trace, light_nodes: usize, diffuse: usize) -> Columns {
+    let model = ForwardModel {
+        pyramid,
+        diffuse_nodes: ForwardModel::diffuse_nodes(pyramid, diffuse),
+        world_from_object: &[Mat3::IDENTITY],
+        eta: 1.3,
+        light_nodes,
+        window_cos: None,
+        footprints: true,
+    };
+    let mut columns = Columns::default();
+    model.columns(
+        trace,
+        &Visibility::Open,
+        None,
+        &mut Scratch::default(),
+        &mut columns,
+    );
+    columns
+}
+
+/// Relative differences of green, ascending.
+fn differences(tested: &[f32], exact: &[f32]) -> Vec<f32> {
+    let mut all: Vec<f32> = tested
+        .iter()
+        .zip(exact)
+        .map(|(t, e)| (t / e - 1.0).abs())
+        .collect();
+    all.sort_by(f32::total_cmp);
+    all
+}
+
+fn specular(columns: &Columns, ndf: usize, alpha: f32) -> Vec<f32> {
+    let mut values = Vec::new();
+    columns.specular(ndf, alpha.ln(), |_, value, _| values.push(value.y));
+    values
+}
+
+#[test]
+fn default_nodes_reach_their_stated_errors() {
+    // Exact: every texel of the probe its own node.
+    let trace = trace(40);
+    for probe in ["interior.exr", "courtyard.exr", "studio.exr", "city.exr"] {
+        let pyramid = pyramid(probe);
+        let exact = columns(&pyramid, &trace, usize::MAX, usize::MAX);
+        let settings = super::FitSettings::default();
+        let tested = columns(
+            &pyramid,
+            &trace,
+            settings.light_nodes,
+            ForwardModel::DIFFUSE_NODES,
+        );
+        for ndf in 0..2 {
+            for alpha in ALPHAS {
+                let all = differences(
+                    &specular(&tested, ndf, alpha),
+                    &specular(&exact, ndf, alpha),
+                );
+                let (median, p90) = (all[20], all[36]);
+                println!("{probe} ndf {ndf} alpha {alpha}: median {median:.2e} p90 {p90:.2e}");
+                assert!(
+                    median < 0.01 && p90 < 0.02,
+                    "{probe} {ndf} {alpha}: {median} {p90}"
+                );
+            }
+        }
+        let green = |columns: &Columns| columns.diffuse.iter().map(|d| d.y).collect::<Vec<_>>();
+        let all = differences(&green(&tested), &green(&exact));
+        println!(
+            "{probe} diffuse: median {:.2e} p90 {:.2e}",
+            all[20], all[36]
+        );
+        assert!(
+            all[20] < 0.0015 && all[36] < 0.004,
+            "{probe} diffuse {} {}",
+            all[20],
+            all[36]
+        );
+    }
+}
+
+#[test]
+fn traces_between_roughnesses_are_those_of_the_integral() {
+    // Every other roughness of the grid is left out in thought: a cubic through the neighbours of a
+    // node two steps away, at twice the spacing, errs sixteen times as much as the real one.
+    let columns = columns(&pyramid("interior.exr"), &trace(20), 4096, 64);
+    let mut largest = 0.0f32;
+    for ndf in 0..2 {
+        let at: Vec<Vec<f32>> = (0..ROUGHNESSES)
+            .map(|k| specular(&columns, ndf, roughness(k)))
+            .collect();
+        for k in 3..ROUGHNESSES - 3 {
+            for i in 0..20 {
+                let cubic =
+                    (9.0 * (at[k - 1][i] + at[k + 1][i]) - at[k - 3][i] - at[k + 3][i]) / 16.0;
+                let peak = at.iter().map(|column| column[i]).fold(0.0, f32::max);
+                largest = largest.max((cubic - at[k][i]).abs() / peak);
+            }
+        }
+    }
+    println!("at twice the spacing: {largest:.2e} of the peak");
+    assert!(largest / 16.0 < 2e-3, "{largest}");
+}

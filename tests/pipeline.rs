@@ -1,0 +1,320 @@
+//! The commands as a user meets them: a furnace, the same bytes from any number of threads, a render
+//! that is killed and goes on, and what is said about bad input.
+
+#![expect(clippy::unwrap_used, reason = "a test may stop at once")]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use turnlight::image::{RgbImage, write_exr};
+
+/// Runs turnlight to its end.
+fn turnlight(words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_turnlight"))
+        .args(words)
+        .output()
+        .unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Every file of the folders that hold results, with its bytes; names relative to `folder`.
+fn results(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    for part in ["images", "masks"] {
+        for entry in std::fs::read_dir(folder.join(part)).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.strip_prefix(folder).unwrap().to_owned();
+            files.insert(name, std::fs::read(path).unwrap());
+        }
+    }
+    files
+}
+
+/// A scene of one shipped mesh in a shipped light, small, with `material` lines and `frames`.
+fn write_scene(folder: &Path, mesh: &str, probe: &str, material: &str, frames: usize) -> PathBuf {
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let place = |name: &str| {
+        let shipped = scenes.join(name);
+        text(if shipped.exists() {
+            &shipped
+        } else {
+            Path::new(name)
+        })
+        .to_owned()
+    };
+    let scene = format!(
+        "[object]\nmesh = '{}'\n[material]\n{material}\n[probe]\nimage = '{}'\n\
+         [camera]\nwidth = 32\nheight = 32\nfov_x_deg = 32.0\n\
+         position = [0.0, 1.37, 3.76]\nlook_at = [0.0, 0.0, 0.0]\n\
+         [turntable]\nframes = {frames}\n",
+        place(&format!("meshes/{mesh}")),
+        place(probe),
+    );
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, scene).unwrap();
+    path
+}
+
+const PLASTIC: &str = "ndf = 'ggx'\nalpha = 0.2\nrho_d = [0.4, 0.3, 0.2]\nrho_s = 2.35";
+
+#[test]
+fn white_furnace_returns_one() {
+    // A plate that reflects everything, in light of radiance one from everywhere.
+    let folder = tempfile::tempdir().unwrap();
+    let plate = folder.path().join("plate.obj");
+    std::fs::write(
+        &plate,
+        "v -9 0 -9\nv -9 0 9\nv 9 0 9\nv 9 0 -9\nf 1 2 3 4\n",
+    )
+    .unwrap();
+    let probe = folder.path().join("white.exr");
+    write_exr(&probe, &RgbImage::constant(8, 4, [1.0; 3])).unwrap();
+    let material = "ndf = 'ggx'\nalpha = 0.5\nrho_d = 1.0\nrho_s = 0.0";
+    let scene = write_scene(folder.path(), "absent", text(&probe), material, 1);
+    let scene_text = std::fs::read_to_string(&scene).unwrap();
+    std::fs::write(&scene, scene_text.replace("meshes/absent", text(&plate))).unwrap();
+    let out = folder.path().join("out");
+    let run = turnlight(&["render", text(&scene), "--out", text(&out), "--spp", "256"]);
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
+    let image = RgbImage::read(&out.join("images/0000.exr")).unwrap();
+    // Pixels at the plate's rim see past it.
+    let mask = turnlight::image::Mask::read(&out.join("masks/0000.png")).unwrap();
+    let lit: Vec<f32> = (image.pixels.iter().zip(&mask.pixels))
+        .filter(|(_, coverage)| **coverage == 255)
+        .map(|(pixel, _)| pixel[1])
+        .collect();
+    assert!(
+        lit.len() > 800,
+        "the plate fills the image: {} pixels",
+        lit.len()
+    );
+    let mean = lit.iter().sum::<f32>() / lit.len() as f32;
+    assert!((mean - 1.0).abs() < 1e-3, "mean {mean}");
+    let farthest = lit.iter().map(|v| (v - 1.0).abs()).fold(0.0, f32::max);
+    assert!(farthest < 0.05, "one pixel is off by {farthest}");
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), "cup.ply", "probes/courtyard.exr", PLASTIC, 6);
+    let at = |name: &str, threads: &str| folder.path().join(format!("{name}{threads}"));
+    for threads in ["1", "2", "5"] {
+        let capture = at("capture", threads);
+        let words = [
+            "render",
+            text(&scene),
+            "--out",
+            text(&capture),
+            "--spp",
+            "8",
+        ];
+        let run = turnlight(&[&words[..], &["--threads", threads]].concat());
+        assert!(
+            run.status.success(),
+            "{}",
+            String::from_utf8_lossy(&run.stderr)
+        );
+        let fit = at("fit", threads);
+        let words = [
+            "fit",
+            text(&capture),
+            "--out",
+            text(&fit),
+            "--threads",
+            threads,
+        ];
+        let run = turnlight(&words);
+        assert!(
+            run.status.success(),
+            "{}",
+            String::from_utf8_lossy(&run.stderr)
+        );
+    }
+    for threads in ["2", "5"] {
+        assert!(
+            results(&at("capture", "1")) == results(&at("capture", threads)),
+            "{threads}"
+        );
+        let points = |t: &str| std::fs::read(at("fit", t).join("points.npz")).unwrap();
+        assert!(
+            points("1") == points(threads),
+            "{threads} threads fit otherwise"
+        );
+    }
+}
+
+#[test]
+fn a_killed_render_goes_on_without_losing_or_tearing_a_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), "suzanne.ply", "probes/city.exr", PLASTIC, 24);
+    let (whole, killed) = (folder.path().join("whole"), folder.path().join("killed"));
+    let words = |out| {
+        [
+            "render",
+            text(&scene),
+            "--out",
+            out,
+            "--spp",
+            "200",
+            "--quiet",
+        ]
+    };
+    assert!(turnlight(&words(text(&whole))).status.success());
+
+    // Kill it when some frames are there, but not all.
+    let mut run = Command::new(env!("CARGO_BIN_EXE_turnlight"))
+        .args(words(text(&killed)))
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let count = || std::fs::read_dir(killed.join("images")).map_or(0, Iterator::count);
+    let started = Instant::now();
+    while count() < 3 && started.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    run.kill().unwrap();
+    run.wait().unwrap();
+    let done = results(&killed);
+    assert!(
+        !done.is_empty() && count() < 24,
+        "killed in the middle: {} frames",
+        count()
+    );
+    // Whatever stands under its final name is whole.
+    let expected = results(&whole);
+    let finished = done.iter().filter(|(name, _)| expected.contains_key(*name));
+    for (name, bytes) in finished {
+        assert!(expected[name] == *bytes, "{} is torn", name.display());
+    }
+
+    // Another run must not overwrite it unasked, nor go on with other settings.
+    let again = turnlight(&words(text(&killed)));
+    assert_eq!(again.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("--resume"));
+    let other = [
+        "render",
+        text(&scene),
+        "--out",
+        text(&killed),
+        "--spp",
+        "9",
+        "--resume",
+    ];
+    assert!(String::from_utf8_lossy(&turnlight(&other).stderr).contains("spp: 200 there, 9 now"));
+
+    let resumed = turnlight(&[&words(text(&killed))[..], &["--resume"]].concat());
+    assert!(
+        resumed.status.success(),
+        "{}",
+        String::from_utf8_lossy(&resumed.stderr)
+    );
+    let resumed = results(&killed);
+    for (name, bytes) in &expected {
+        assert!(
+            resumed.get(name) == Some(bytes),
+            "{} differs",
+            name.display()
+        );
+    }
+}
+
+#[test]
+fn bad_input_is_named_with_its_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), "sphere.ply", "probes/city.exr", PLASTIC, 2);
+    let good = std::fs::read_to_string(&scene).unwrap();
+    let broken = folder.path().join("broken.ply");
+    std::fs::write(&broken, "ply\nformat ascii 1.0\nelement vertex 3\n").unwrap();
+    let torn = folder.path().join("torn.exr");
+    std::fs::write(&torn, b"v/1\x01\x02\0\0\0chann").unwrap();
+    let sphere = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/meshes/sphere.ply");
+    let city = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/probes/city.exr");
+    // What is changed in the scene, and what the message must hold: file, field, value or remedy.
+    let cases: [(&str, &str, &[&str]); 9] = [
+        (
+            "alpha = 0.2",
+            "alpha = 2.0",
+            &["scene.toml", "material.alpha", "2"],
+        ),
+        (
+            "alpha = 0.2",
+            "alhpa = 0.2",
+            &["scene.toml", "material.alhpa", "alpha"],
+        ),
+        (
+            "fov_x_deg = 32.0",
+            "fov_x_deg = 190.0",
+            &["camera.fov_x_deg", "190"],
+        ),
+        ("frames = 2", "frames = 0", &["turntable.frames", "0"]),
+        ("frames = 2", "frames = ", &["scene.toml:", "TOML"]),
+        (
+            "look_at = [0.0, 0.0, 0.0]",
+            "look_at = [0.0, 1.37, 3.76]",
+            &["camera.look_at", "position"],
+        ),
+        (
+            "rho_d = [0.4, 0.3, 0.2]",
+            "rho_d = 'vertex:paint'",
+            &["rho_d", "paint", "none"],
+        ),
+        (text(&sphere), text(&broken), &["broken.ply"]),
+        (text(&city), text(&torn), &["torn.exr"]),
+    ];
+    for (from, to, expected) in cases {
+        assert!(good.contains(from), "{from}");
+        std::fs::write(&scene, good.replace(from, to)).unwrap();
+        let out = folder.path().join("out");
+        let run = turnlight(&["render", text(&scene), "--out", text(&out), "--spp", "1"]);
+        let said = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(2), "{to}: {said}");
+        assert!(!out.exists(), "{to}: something was written");
+        for word in expected {
+            assert!(said.contains(word), "{to}: {said:?} does not say {word:?}");
+        }
+        assert!(!said.contains("panicked"), "{said}");
+    }
+}
+
+#[test]
+fn a_capture_that_shows_nothing_of_the_object_exits_with_1() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), "sphere.ply", "probes/city.exr", PLASTIC, 2);
+    let capture = folder.path().join("capture");
+    let words = [
+        "render",
+        text(&scene),
+        "--out",
+        text(&capture),
+        "--spp",
+        "1",
+        "--quiet",
+    ];
+    assert!(turnlight(&words).status.success());
+    let masks = results(&capture)
+        .into_keys()
+        .filter(|name| name.starts_with("masks"));
+    for mask in masks {
+        let empty = turnlight::image::Mask {
+            width: 32,
+            height: 32,
+            pixels: vec![0; 1024],
+        };
+        empty.write(&capture.join(mask)).unwrap();
+    }
+    let fit = folder.path().join("fit");
+    let run = turnlight(&["fit", text(&capture), "--out", text(&fit)]);
+    assert_eq!(run.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&run.stderr).contains("no surface point is seen"));
+    assert!(!fit.exists());
+}
