@@ -1,5 +1,7 @@
 //! How close the forward model's sums are to the integrals they stand for, on the shipped probes.
 
+use std::f64::consts::TAU;
+
 use glam::{DQuat, Mat3, Vec2, Vec3};
 
 use super::columns::{Columns, ForwardModel, ROUGHNESSES, Scratch, roughness};
@@ -23,11 +25,11 @@ fn pyramid(probe: &str) -> LightPyramid {
 fn trace(observations: usize) -> Trace {
     let observe = |i: usize| {
         let [a, b, c, d] = SobolPath::new(5, 0, 0, i as u32).next_4d();
-        let normal = DQuat::from_rotation_y(6.283 * f64::from(a)).as_quat()
+        let normal = DQuat::from_rotation_y(TAU * f64::from(a)).as_quat()
             * Vec3::new(0.0, 2.0 * b - 1.0, (1.0 - (2.0 * b - 1.0).powi(2)).sqrt());
         let frame = crate::geometry::Frame::about(normal);
         let (sin, cos) = (1.3 * c).sin_cos();
-        let (y, x) = (6.283 * d).sin_cos();
+        let (y, x) = (TAU as f32 * d).sin_cos();
         let wo = frame.from_local(crate::geometry::Local(Vec3::new(sin * x, sin * y, cos)));
         Observation {
             frame: 0,

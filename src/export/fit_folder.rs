@@ -51,6 +51,13 @@ impl FitFolder<'_> {
             Some(grid) => self.write_maps(grid, &maps)?,
             None => self.add_properties(&mut mesh),
         };
+        // With its own copy of the light, the folder renders wherever it is moved.
+        let source = &self.capture.probe.image;
+        let probe = out
+            .join("probe")
+            .with_extension(source.extension().unwrap_or_default());
+        let light = std::fs::read(source).map_err(|error| ExportError::file(source, error))?;
+        write_atomically(&probe, |file| std::io::Write::write_all(file, &light))?;
         let path = out.join("mesh.ply");
         write_ply(&path, &mesh)?;
         let scene = Scene {
@@ -61,9 +68,8 @@ impl FitFolder<'_> {
             },
             material,
             probe: ProbeSource {
-                image: std::path::absolute(&self.capture.probe.image)
-                    .unwrap_or_else(|_| self.capture.probe.image.clone()),
-                ..self.capture.probe.clone()
+                image: probe,
+                ..self.capture.probe
             },
             camera: self.capture.camera,
             turn: self.capture.turn,
@@ -143,19 +149,17 @@ impl FitFolder<'_> {
         })
     }
 
-    /// Parameters without gaps. A point that the data say nothing of takes the mean of its known
+    /// Parameters without gaps. A point that the data say nothing of takes the median of its known
     /// neighbours, ring by ring; where only the lobe is undetermined, only the lobe does.
     fn filled(&self, neighbours: impl Fn(usize) -> Vec<usize>) -> Parameters {
         let table = self.table;
         let count = table.alpha.len();
-        let seen: Vec<bool> = (0..count)
-            .map(|i| matches!(table.status[i], 0..=2))
-            .collect();
-        let lobe_known: Vec<bool> = (0..count).map(|i| lobe_is_known(table, i)).collect();
+        let diffuse_known: Vec<bool> = (0..count).map(|i| table.diffuse_is_known(i)).collect();
+        let lobe_known: Vec<bool> = (0..count).map(|i| table.lobe_is_known(i)).collect();
         let adjacency: Vec<Vec<usize>> = (0..count).map(neighbours).collect();
 
         let vectors = |rows: &[[f32; 3]]| rows.iter().map(|v| Vec3::from(*v)).collect::<Vec<_>>();
-        let rho_d = fill(vectors(&table.rho_d), &seen, &adjacency);
+        let rho_d = fill(vectors(&table.rho_d), &diffuse_known, &adjacency);
         let rho_s = fill(vectors(&table.rho_s), &lobe_known, &adjacency);
         // Alpha and NDF share the filling: (alpha, GGX share, ·).
         let lobe = (0..count)
@@ -169,18 +173,6 @@ impl FitFolder<'_> {
             ggx: lobe.iter().map(|v| v.y).collect(),
         }
     }
-}
-
-/// Whether a point's own lobe is worth more than its neighbours': alpha known to 25 % and rho_s to
-/// 50 %, one standard deviation. Beyond, the product of the two fits the frames that were seen, and
-/// either may be wrong by orders of magnitude in another light. An estimator without error bars is
-/// taken at its word.
-fn lobe_is_known(table: &PointTable, i: usize) -> bool {
-    let strongest = table.rho_s[i].into_iter().fold(0.0, f32::max);
-    let (sigma_alpha, sigma_rho_s) = (table.sigma_alpha[i], table.sigma_rho_s[i]);
-    let without_bars = sigma_alpha.is_infinite() && sigma_rho_s.is_infinite();
-    let precise = sigma_alpha < 0.25 * table.alpha[i] && sigma_rho_s < 0.5 * strongest;
-    table.status[i] == 0 && (without_bars || precise)
 }
 
 /// Which points lie beside a texel's, over texel edges.
@@ -197,22 +189,33 @@ fn texel_neighbours(grid: &TexelGrid) -> impl Fn(usize) -> Vec<usize> + '_ {
     }
 }
 
-/// Fills unknown values from known neighbours, ring by ring; what no ring reaches takes the mean
-/// of all known values.
+/// The middle value of each component; zero of nothing. One wild neighbour does not move it, where
+/// the mean of a quantity whose errors are skewed (rho_s) is too large.
+fn median(values: Vec<Vec3>) -> Vec3 {
+    let component = |c: usize| {
+        let mut sorted: Vec<f32> = values.iter().map(|v| v[c]).collect();
+        sorted.sort_unstable_by(f32::total_cmp);
+        let middle = sorted.len() / 2;
+        match sorted.len() {
+            0 => 0.0,
+            n if n % 2 == 1 => sorted[middle],
+            _ => 0.5 * (sorted[middle - 1] + sorted[middle]),
+        }
+    };
+    Vec3::new(component(0), component(1), component(2))
+}
+
+/// Fills unknown values with the median of known neighbours, ring by ring; what no ring reaches
+/// takes the median of all known values.
 fn fill(mut values: Vec<Vec3>, known: &[bool], adjacency: &[Vec<usize>]) -> Vec<Vec3> {
     let mut known = known.to_vec();
-    let count = known.iter().filter(|&&k| k).count();
-    let total: Vec3 = values
+    let all = values
         .iter()
         .zip(&known)
         .filter(|(_, k)| **k)
         .map(|(v, _)| *v)
-        .sum();
-    let mean = if count > 0 {
-        total / count as f32
-    } else {
-        Vec3::ZERO
-    };
+        .collect();
+    let everywhere = median(all);
     let mut waiting: Vec<usize> = (0..known.len()).filter(|&i| !known[i]).collect();
     while !waiting.is_empty() {
         let reached: Vec<(usize, Vec3)> = waiting
@@ -223,12 +226,11 @@ fn fill(mut values: Vec<Vec3>, known: &[bool], adjacency: &[Vec<usize>]) -> Vec<
                     .filter(|&&j| known[j])
                     .map(|&j| values[j])
                     .collect();
-                let count = around.len() as f32;
-                (count > 0.0).then(|| (i, around.into_iter().sum::<Vec3>() / count))
+                (!around.is_empty()).then(|| (i, median(around)))
             })
             .collect();
         if reached.is_empty() {
-            waiting.iter().for_each(|&i| values[i] = mean);
+            waiting.iter().for_each(|&i| values[i] = everywhere);
             break;
         }
         for &(i, value) in &reached {
@@ -245,7 +247,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_take_their_neighbours_and_islands_the_mean() {
+    fn gaps_take_their_neighbours_and_islands_the_median() {
         // 0 – 1 – 2 – 3 in a chain, 4 alone; 0 and 3 are known.
         let values = vec![
             Vec3::ZERO,

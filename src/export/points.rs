@@ -49,6 +49,27 @@ impl PointTable {
         self.position.is_empty()
     }
 
+    /// Whether a point's own lobe is worth more than its neighbours': alpha known to 25 % and rho_s to
+    /// 50 %, one standard deviation. Beyond, the product of the two fits the frames that were seen, and
+    /// either may be wrong by orders of magnitude in another light. An estimator without error bars is
+    /// taken at its word.
+    pub fn lobe_is_known(&self, i: usize) -> bool {
+        let strongest = self.rho_s[i].into_iter().fold(0.0, f32::max);
+        let (sigma_alpha, sigma_rho_s) = (self.sigma_alpha[i], self.sigma_rho_s[i]);
+        let without_bars = sigma_alpha.is_infinite() && sigma_rho_s.is_infinite();
+        let precise = sigma_alpha < 0.25 * self.alpha[i] && sigma_rho_s < 0.5 * strongest;
+        self.status[i] == 0 && (without_bars || precise)
+    }
+
+    /// Whether a point's own diffuse albedo is worth more than its neighbours': every channel known
+    /// to 25 % or to 0.02, one standard deviation.
+    pub fn diffuse_is_known(&self, i: usize) -> bool {
+        let without_bars = self.sigma_rho_d[i].iter().all(|sigma| sigma.is_infinite());
+        let precise = (self.rho_d[i].iter().zip(self.sigma_rho_d[i]))
+            .all(|(rho_d, sigma)| sigma < (0.25 * rho_d).max(0.02));
+        matches!(self.status[i], 0..=2) && (without_bars || precise)
+    }
+
     /// Writes `points.npz`: uncompressed, C order, little endian; equal tables give equal bytes.
     ///
     /// # Errors

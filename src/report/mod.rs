@@ -8,7 +8,7 @@ mod views;
 
 use std::path::{Path, PathBuf};
 
-use crate::compare::{CompareError, compare_sequences};
+use crate::compare::{CompareError, SequenceErrors, compare_sequences};
 use crate::export::{ExportError, PointTable};
 use crate::image::{ImageError, RgbImage, write_atomically};
 use crate::scene::{AssetError, Capture, Scene, SceneError};
@@ -59,6 +59,41 @@ struct FramePair {
 /// Frames shown on the page, evenly spread over the sequence.
 const FRAMES_SHOWN: usize = 4;
 
+/// What was observed, beside what is reproduced.
+struct Observation {
+    frames: Vec<FramePair>,
+    errors: Option<SequenceErrors>,
+}
+
+impl Observation {
+    /// A few frames, and the figures over all of them.
+    fn read(capture_path: &Path, reproduced: Option<&Path>) -> Result<Self, ReportError> {
+        let capture = Capture::load(capture_path)?;
+        let count = capture.frames.len();
+        let shown = (0..FRAMES_SHOWN.min(count)).map(|i| i * count / FRAMES_SHOWN.min(count));
+        let frames = shown
+            .map(|number| {
+                let path = &capture.frames[number].image;
+                let name = path
+                    .file_name()
+                    .unwrap_or_default()
+                    .to_string_lossy()
+                    .into_owned();
+                let twin = reproduced.map(|folder| folder.join("images").join(&name));
+                Ok(FramePair {
+                    name,
+                    observed: RgbImage::read(path)?,
+                    reproduced: twin.map(|path| RgbImage::read(&path)).transpose()?,
+                })
+            })
+            .collect::<Result<Vec<_>, ReportError>>()?;
+        let errors = reproduced
+            .map(|folder| compare_sequences(capture_path, folder, None))
+            .transpose()?;
+        Ok(Self { frames, errors })
+    }
+}
+
 /// Writes the page about the fit folder `fit` to `out`; `reproduced` is a folder that
 /// `turnlight reproduce` wrote.
 pub fn write_report(fit: &Path, reproduced: Option<&Path>, out: &Path) -> Result<(), ReportError> {
@@ -74,40 +109,17 @@ pub fn write_report(fit: &Path, reproduced: Option<&Path>, out: &Path) -> Result
         .get("capture")
         .and_then(toml::Value::as_str)
         .ok_or_else(|| record("it has no key capture".to_owned()))?;
-    let capture = Capture::load(Path::new(capture_path))?;
     let scene = Scene::load(fit.join("scene.toml"))?;
 
-    // A few frames, and the figures over all of them.
-    let count = capture.frames.len();
-    let shown = (0..FRAMES_SHOWN.min(count)).map(|i| i * count / FRAMES_SHOWN.min(count));
-    let frames = shown
-        .map(|number| {
-            let path = &capture.frames[number].image;
-            let name = path
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned();
-            let twin = reproduced.map(|folder| folder.join("images").join(&name));
-            Ok(FramePair {
-                name,
-                observed: RgbImage::read(path)?,
-                reproduced: twin.map(|path| RgbImage::read(&path)).transpose()?,
-            })
-        })
-        .collect::<Result<Vec<_>, ReportError>>()?;
-    let errors = reproduced
-        .map(|folder| compare_sequences(Path::new(capture_path), folder, None))
-        .transpose()?;
-
+    // The observation may have been moved away; the estimate can be shown without it.
+    let observation = Observation::read(Path::new(capture_path), reproduced);
     let views = views::parameter_views(&scene, &table)?;
-    let html =
-        page::page(&settings, &table, &frames, errors.as_ref(), &views).map_err(|source| {
-            ReportError::Write {
-                path: out.to_owned(),
-                source,
-            }
-        })?;
+    let html = page::page(&settings, &table, &observation, &views).map_err(|source| {
+        ReportError::Write {
+            path: out.to_owned(),
+            source,
+        }
+    })?;
     write_atomically(out, |file| std::io::Write::write_all(file, html.as_bytes())).map_err(
         |source| ReportError::Write {
             path: out.to_owned(),

@@ -6,7 +6,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::charts::{histogram, line, short};
 use super::views::{ParameterView, STATUS_COLOURS, difference, quantile};
-use super::{FramePair, embed};
+use super::{FramePair, Observation, ReportError, embed};
 use crate::compare::SequenceErrors;
 use crate::export::PointTable;
 use crate::image::ToneCurve;
@@ -38,11 +38,10 @@ const STATUS: [(&str, &str); 6] = [
 pub(super) fn page(
     record: &toml::Table,
     table: &PointTable,
-    frames: &[FramePair],
-    errors: Option<&SequenceErrors>,
+    observation: &Result<Observation, ReportError>,
     views: &[ParameterView],
 ) -> io::Result<String> {
-    let frames = frame_rows(frames, errors)?;
+    let observed = observed(observation)?;
     let views = views
         .iter()
         .map(|view| Ok((view, embed::display(view.width, view.height, &view.pixels)?)))
@@ -63,11 +62,13 @@ pub(super) fn page(
                     }
                 }
                 h2 { "Observed and reproduced" }
-                @if let Some(errors) = errors { (comparison(errors)) }
-                @else { p { "No reproduction was given; see " code { "turnlight reproduce" } "." } }
-                (frames)
+                (observed)
                 h2 { "Parameters on the object" }
-                p { "From the camera, and from behind." }
+                p {
+                    "From the camera, and from behind. Where the data do not determine a value, the colour is "
+                    "that of the neighbours, as in the reproduction: " b { (filled_count(table)) } " of "
+                    (table.len()) " points were not seen, or show no highlight that tells their lobe."
+                }
                 @for (view, uri) in &views {
                     figure {
                         img src=(uri) width=(view.width) height=(view.height);
@@ -86,6 +87,27 @@ pub(super) fn page(
         }
     };
     Ok(body.into_string())
+}
+
+/// The observed frames with the comparison, or why they are not here.
+fn observed(observation: &Result<Observation, ReportError>) -> io::Result<Markup> {
+    let observation = match observation {
+        Ok(observation) => observation,
+        Err(error) => return Ok(html! { p { "The observation cannot be shown: " (error) } }),
+    };
+    let frames = frame_rows(&observation.frames, observation.errors.as_ref())?;
+    Ok(html! {
+        @if let Some(errors) = &observation.errors { (comparison(errors)) }
+        @else { p { "No reproduction was given; see " code { "turnlight reproduce" } "." } }
+        (frames)
+    })
+}
+
+/// Points whose lobe is not their own in a reproduction.
+fn filled_count(table: &PointTable) -> usize {
+    (0..table.len())
+        .filter(|&i| !table.lobe_is_known(i))
+        .count()
 }
 
 fn comparison(errors: &SequenceErrors) -> Markup {
