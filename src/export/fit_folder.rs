@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 use super::files::write_atomically;
 use super::{ExportError, PointTable};
@@ -149,7 +149,7 @@ impl FitFolder<'_> {
         })
     }
 
-    /// Parameters without gaps. A point that the data say nothing of takes the median of its known
+    /// Parameters without gaps. A point that the data say nothing of takes the mean of its known
     /// neighbours, ring by ring; where only the lobe is undetermined, only the lobe does.
     fn filled(&self, neighbours: impl Fn(usize) -> Vec<usize>) -> Parameters {
         let table = self.table;
@@ -159,13 +159,16 @@ impl FitFolder<'_> {
         let adjacency: Vec<Vec<usize>> = (0..count).map(neighbours).collect();
 
         let vectors = |rows: &[[f32; 3]]| rows.iter().map(|v| Vec3::from(*v)).collect::<Vec<_>>();
-        let rho_d = fill(vectors(&table.rho_d), &diffuse_known, &adjacency);
-        let rho_s = fill(vectors(&table.rho_s), &lobe_known, &adjacency);
+        let green = precision(table.sigma_rho_d.iter().map(|sigma| sigma[1]));
+        let rho_d = fill(vectors(&table.rho_d), green, &diffuse_known, &adjacency);
+        let weights = precision(table.sigma_rho_s.iter().copied());
+        let rho_s = fill(vectors(&table.rho_s), weights, &lobe_known, &adjacency);
         // Alpha and NDF share the filling: (alpha, GGX share, ·).
         let lobe = (0..count)
             .map(|i| Vec3::new(table.alpha[i], table.ndf[i] as f32, 0.0))
             .collect();
-        let lobe = fill(lobe, &lobe_known, &adjacency);
+        let weights = precision(table.sigma_alpha.iter().copied());
+        let lobe = fill(lobe, weights, &lobe_known, &adjacency);
         Parameters {
             rho_d,
             rho_s,
@@ -189,52 +192,48 @@ fn texel_neighbours(grid: &TexelGrid) -> impl Fn(usize) -> Vec<usize> + '_ {
     }
 }
 
-/// The middle value of each component; zero of nothing. One wild neighbour does not move it, where
-/// the mean of a quantity whose errors are skewed (rho_s) is too large.
-fn median(values: Vec<Vec3>) -> Vec3 {
-    let component = |c: usize| {
-        let mut sorted: Vec<f32> = values.iter().map(|v| v[c]).collect();
-        sorted.sort_unstable_by(f32::total_cmp);
-        let middle = sorted.len() / 2;
-        match sorted.len() {
-            0 => 0.0,
-            n if n % 2 == 1 => sorted[middle],
-            _ => 0.5 * (sorted[middle - 1] + sorted[middle]),
-        }
-    };
-    Vec3::new(component(0), component(1), component(2))
+/// The mean by weight, or zero of nothing.
+fn weighted_mean(values: impl Iterator<Item = (Vec3, f32)>) -> Vec3 {
+    let sum = values.fold(Vec4::ZERO, |sum, (v, w)| sum + (v * w).extend(w));
+    if sum.w > 0.0 {
+        sum.truncate() / sum.w
+    } else {
+        Vec3::ZERO
+    }
 }
 
-/// Fills unknown values with the median of known neighbours, ring by ring; what no ring reaches
-/// takes the median of all known values.
-fn fill(mut values: Vec<Vec3>, known: &[bool], adjacency: &[Vec<usize>]) -> Vec<Vec3> {
+/// Fills unknown values with the mean of known neighbours, ring by ring; what no ring reaches takes
+/// the mean of all known values.
+///
+/// Means are by `weights`, the inverse variances: an albedo whose error bar is small only beside its
+/// own, far too large value would spread otherwise.
+fn fill(
+    mut values: Vec<Vec3>,
+    mut weights: Vec<f32>,
+    known: &[bool],
+    adjacency: &[Vec<usize>],
+) -> Vec<Vec3> {
     let mut known = known.to_vec();
-    let all = values
-        .iter()
-        .zip(&known)
-        .filter(|(_, k)| **k)
-        .map(|(v, _)| *v)
-        .collect();
-    let everywhere = median(all);
+    let all = (0..known.len()).filter(|&i| known[i]);
+    let everywhere = weighted_mean(all.map(|i| (values[i], weights[i])));
     let mut waiting: Vec<usize> = (0..known.len()).filter(|&i| !known[i]).collect();
     while !waiting.is_empty() {
-        let reached: Vec<(usize, Vec3)> = waiting
+        let reached: Vec<(usize, Vec3, f32)> = waiting
             .iter()
             .filter_map(|&i| {
-                let around: Vec<Vec3> = adjacency[i]
-                    .iter()
-                    .filter(|&&j| known[j])
-                    .map(|&j| values[j])
-                    .collect();
-                (!around.is_empty()).then(|| (i, median(around)))
+                let around = || adjacency[i].iter().copied().filter(|&j| known[j]);
+                let count = around().count() as f32;
+                let value = weighted_mean(around().map(|j| (values[j], weights[j])));
+                let weight = around().map(|j| weights[j]).sum::<f32>() / count;
+                (count > 0.0).then_some((i, value, weight))
             })
             .collect();
         if reached.is_empty() {
             waiting.iter().for_each(|&i| values[i] = everywhere);
             break;
         }
-        for &(i, value) in &reached {
-            values[i] = value;
+        for &(i, value, weight) in &reached {
+            (values[i], weights[i]) = (value, weight);
             known[i] = true;
         }
         waiting.retain(|&i| !known[i]);
@@ -242,12 +241,25 @@ fn fill(mut values: Vec<Vec3>, known: &[bool], adjacency: &[Vec<usize>]) -> Vec<
     values
 }
 
+/// Inverse variances. Without error bars all weigh alike.
+fn precision(sigmas: impl Iterator<Item = f32>) -> Vec<f32> {
+    sigmas
+        .map(|sigma| {
+            if sigma.is_finite() {
+                1.0 / (sigma * sigma).max(1e-12)
+            } else {
+                1e-12
+            }
+        })
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn gaps_take_their_neighbours_and_islands_the_median() {
+    fn gaps_take_their_neighbours_and_islands_the_mean() {
         // 0 – 1 – 2 – 3 in a chain, 4 alone; 0 and 3 are known.
         let values = vec![
             Vec3::ZERO,
@@ -257,7 +269,12 @@ mod tests {
             Vec3::NAN,
         ];
         let adjacency = vec![vec![1], vec![0, 2], vec![1, 3], vec![2], vec![]];
-        let filled = fill(values, &[true, false, false, true, false], &adjacency);
+        let filled = fill(
+            values,
+            vec![1.0; 5],
+            &[true, false, false, true, false],
+            &adjacency,
+        );
         assert_eq!(filled[1], Vec3::ZERO);
         assert_eq!(filled[2], Vec3::splat(2.0));
         assert_eq!(filled[4], Vec3::ONE);
