@@ -15,7 +15,7 @@ use crate::accel::Accel;
 use crate::brdf::Ndf;
 use crate::estimate::{Estimate, Estimator, FitSettings, FitStats, SpecularColour, Status, fit};
 use crate::export::{FitFolder, PointTable};
-use crate::mesh::{Mesh, SurfacePoint, TexelGrid, nearest_points, texel_points, vertex_points};
+use crate::mesh::{Mesh, PointSet, SurfacePoint};
 use crate::probe::LightPyramid;
 use crate::scene::Capture;
 use crate::traces::{CollectSettings, TraceStats, collect};
@@ -91,10 +91,9 @@ pub(super) fn fit_capture(
     }
     let accel = Accel::build(&mesh.positions, &mesh.triangles);
     let pyramid = LightPyramid::new(&environment);
-    let (points, grid) = choose_points(&mesh, choices.points)?;
-    let points_of_triangle = match grid {
-        None => mesh.triangles.clone(),
-        Some(_) => nearest_points(&mesh, &points),
+    let points = match choices.points {
+        PointsChoice::Vertices => PointSet::vertices(&mesh),
+        PointsChoice::Texels(resolution) => PointSet::texels(&mesh, resolution as u32)?,
     };
     let load = started.elapsed().as_secs_f64();
 
@@ -107,21 +106,20 @@ pub(super) fn fit_capture(
         capture,
         &mesh,
         &accel,
-        points,
-        points_of_triangle,
+        &points,
         &collect_settings,
         &on_frame,
     )?;
     frames_bar.finish_and_clear();
     if trace_stats.observed == 0 {
         return Err(Failure::Data(anyhow::anyhow!(
-            "{}: no surface point is seen in any frame ({} point-frame pairs: {} turned away, \
-             {} outside image or mask, {} hidden); check camera, turntable and masks",
+            "{}: no surface point is seen in any frame ({} pixels inside the masks: {} show an edge \
+             or miss the mesh, {} are grazing, {} have no point near); check camera, turntable and masks",
             source.display(),
-            trace_stats.pairs,
-            trace_stats.turned_away,
-            trace_stats.outside,
-            trace_stats.hidden
+            trace_stats.pixels,
+            trace_stats.edges,
+            trace_stats.grazing,
+            trace_stats.far
         )));
     }
     let trace_seconds = started.elapsed().as_secs_f64();
@@ -137,16 +135,12 @@ pub(super) fn fit_capture(
 
     // Write.
     let started = Instant::now();
-    let table = table(
-        &mesh,
-        &traces.traces.iter().map(|t| t.point).collect::<Vec<_>>(),
-        &estimates,
-    );
+    let table = table(&mesh, &points.points, &estimates);
     let folder = FitFolder {
         capture,
         mesh: &mesh,
         table: &table,
-        grid: grid.as_ref(),
+        grid: points.grid.as_ref(),
         eta: settings.eta,
     };
     folder.write(out)?;
@@ -223,19 +217,6 @@ fn settings(choices: &FitChoices) -> FitSettings {
         light_nodes: choices.light_nodes as usize,
         interreflections: choices.interreflections,
         window: choices.window.to_radians(),
-    }
-}
-
-fn choose_points(
-    mesh: &Mesh,
-    choice: PointsChoice,
-) -> Result<(Vec<SurfacePoint>, Option<TexelGrid>), Failure> {
-    match choice {
-        PointsChoice::Vertices => Ok((vertex_points(mesh), None)),
-        PointsChoice::Texels(resolution) => {
-            let (points, grid) = texel_points(mesh, resolution as u32)?;
-            Ok((points, Some(grid)))
-        }
     }
 }
 

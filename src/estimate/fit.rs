@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::columns::{Columns, ForwardModel, Scratch};
 use super::interreflection::{Glow, outgoing};
 use super::visibility::Visibility;
-use super::{Estimate, Estimator, FitSettings, full, gradient};
+use super::{Estimate, Estimator, FitSettings, Status, full, gradient};
 use crate::accel::Accel;
 use crate::probe::LightPyramid;
 use crate::traces::{Trace, TraceSet};
@@ -78,63 +78,71 @@ pub fn fit(
         .count() as u64;
     let any_blocked = visibilities.iter().any(|(v, _)| !v.blocked().is_empty());
 
+    let fresh = || (Scratch::default(), Columns::default());
     let fit_point =
-        |index: usize, glow: Option<&Glow<'_>>, (scratch, columns): &mut (Scratch, Columns)| {
-            let trace = &traces.traces[index];
+        |trace: &Trace, index: usize, glow: Option<&Glow<'_>>, memory: &mut (Scratch, Columns)| {
+            let (scratch, columns) = memory;
             model.columns(trace, &visibilities[index].0, glow, scratch, columns);
             match settings.estimator {
                 Estimator::Full => full::estimate(trace, columns, settings, traces.noise_is_known),
                 Estimator::Gradient => gradient::estimate(trace, columns, settings),
             }
         };
-    let fresh = || (Scratch::default(), Columns::default());
-    let mut estimates: Vec<Estimate> = (0..traces.traces.len())
-        .into_par_iter()
-        .map_init(fresh, |memory, index| {
-            let estimate = fit_point(index, None, memory);
+
+    // The object's own light, from albedos by one observation a frame: its error is that of a few
+    // per cent of the light.
+    let mut radiance: Option<Vec<Vec3>> = None;
+    if any_blocked && rounds > 0 {
+        let direct = irradiance(&model, traces, &visibilities);
+        let nearest: Vec<Trace> = traces.traces.iter().map(Trace::nearest).collect();
+        let mut estimates = vec![Estimate::without_data(Status::Unseen, 0); nearest.len()];
+        for round in 0..rounds {
+            let glow = radiance.as_deref().map(|radiance| Glow {
+                radiance,
+                points: nearest.len(),
+                points_of_triangle: &traces.points_of_triangle,
+            });
+            // Later rounds change only what sees the object.
+            let again = |index: usize| round == 0 || !visibilities[index].0.blocked().is_empty();
+            stats.observations += (0..nearest.len())
+                .filter(|&index| again(index))
+                .map(|index| nearest[index].observations.len() as u64)
+                .sum::<u64>();
+            estimates
+                .par_iter_mut()
+                .enumerate()
+                .filter(|(index, _)| again(*index))
+                .for_each_init(fresh, |memory, (index, estimate)| {
+                    *estimate = fit_point(&nearest[index], index, glow.as_ref(), memory);
+                });
+            radiance = Some(outgoing(&estimates, &direct));
+        }
+    }
+
+    // All observations, once, in that light.
+    stats.observations += traces
+        .traces
+        .iter()
+        .map(|t| t.observations.len() as u64)
+        .sum::<u64>();
+    let glow = radiance.as_deref().map(|radiance| Glow {
+        radiance,
+        points: traces.traces.len(),
+        points_of_triangle: &traces.points_of_triangle,
+    });
+    let estimates = traces
+        .traces
+        .par_iter()
+        .enumerate()
+        .map_init(fresh, |memory, (index, trace)| {
+            let estimate = match settings.estimator {
+                Estimator::Full => fit_point(trace, index, glow.as_ref(), memory),
+                Estimator::Gradient => fit_point(&trace.nearest(), index, None, memory),
+            };
             on_points(1);
             estimate
         })
         .collect();
-    let observations: u64 = traces
-        .traces
-        .iter()
-        .map(|t| t.observations.len() as u64)
-        .sum();
-    stats.observations = observations;
-
-    // The object's own light, from the last round's albedos; only points that see the object are
-    // fitted again.
-    if any_blocked {
-        for _ in 0..rounds {
-            let direct = irradiance(&model, traces, &visibilities);
-            let radiance = outgoing(&estimates, &direct);
-            let glow = Glow {
-                radiance: &radiance,
-                points: estimates.len(),
-                points_of_triangle: &traces.points_of_triangle,
-            };
-            let again: Vec<usize> = (0..estimates.len())
-                .filter(|&i| {
-                    !visibilities[i].0.blocked().is_empty()
-                        && !traces.traces[i].observations.is_empty()
-                })
-                .collect();
-            let refitted: Vec<Estimate> = again
-                .par_iter()
-                .map_init(fresh, |memory, &index| {
-                    fit_point(index, Some(&glow), memory)
-                })
-                .collect();
-            stats.observations += again
-                .iter()
-                .map(|&i| traces.traces[i].observations.len() as u64)
-                .sum::<u64>();
-            for (index, estimate) in again.into_iter().zip(refitted) {
-                estimates[index] = estimate;
-            }
-        }
-    }
     (estimates, stats)
 }
 

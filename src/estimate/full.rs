@@ -24,7 +24,7 @@ pub(super) fn estimate(
         columns,
         colour: settings.specular,
     };
-    let frames = trace.observations.len() as u32;
+    let frames = trace.frames();
     if frames == 0 {
         return Estimate::without_data(Status::Unseen, 0);
     }
@@ -162,7 +162,7 @@ impl Problem<'_> {
             sigma_rho_d: Vec3::new(sigma[0], sigma[1], sigma[2]),
             sigma_rho_s: sigma[3].max(sigma[4]).max(sigma[5]),
             sigma_alpha: alpha * sigma[6],
-            frames: self.trace.observations.len() as u32,
+            frames: self.trace.frames(),
             residual: self.relative_residual(minimum),
             status,
         }

@@ -145,7 +145,7 @@ pub struct Estimate {
     pub sigma_rho_s: f32,
     /// Standard deviation of `alpha`.
     pub sigma_alpha: f32,
-    /// Observations used.
+    /// Frames in which the point is seen.
     pub frames: u32,
     /// Root-mean-square residual relative to the root-mean-square observation.
     pub residual: f32,

@@ -29,10 +29,10 @@ mod write_ply;
 
 pub use assemble::Surface;
 pub use error::MeshError;
-pub use points::{Neighbours, SurfacePoint, nearest_points, neighbours, vertex_points};
+pub use points::{Neighbours, PointSet, SurfacePoint, neighbours};
 pub use report::MeshReport;
 pub use shapes::{cup, sphere};
-pub use texels::{TexelGrid, texel_points};
+pub use texels::TexelGrid;
 pub use write_ply::write_ply;
 
 #[cfg(test)]

@@ -2,7 +2,8 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{Mesh, topology};
+use super::texels::texel_points;
+use super::{Mesh, MeshError, TexelGrid, topology};
 
 /// A point of the surface at which a material is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,11 +20,63 @@ pub struct SurfacePoint {
     pub uv: Option<Vec2>,
 }
 
+/// The points to be measured, and which of them stands for a place on the surface.
+#[derive(Clone, Debug)]
+pub struct PointSet {
+    /// `[N]` in the order in which results are given.
+    pub points: Vec<SurfacePoint>,
+    /// Where the points stand in texture space, if they are texels.
+    pub grid: Option<TexelGrid>,
+    /// `[triangles]` the points nearest to each triangle's corners.
+    pub of_triangle: Vec<[u32; 3]>,
+}
+
+impl PointSet {
+    /// The mesh's vertices.
+    pub fn vertices(mesh: &Mesh) -> Self {
+        Self {
+            points: vertex_points(mesh),
+            grid: None,
+            of_triangle: mesh.triangles.clone(),
+        }
+    }
+
+    /// The texel centres of a square map that the texture layout covers.
+    ///
+    /// # Errors
+    ///
+    /// If the mesh has no texture coordinates, or `resolution` is 0 or above 16384.
+    pub fn texels(mesh: &Mesh, resolution: u32) -> Result<Self, MeshError> {
+        let (points, grid) = texel_points(mesh, resolution)?;
+        Ok(Self {
+            of_triangle: nearest_points(mesh, &points),
+            points,
+            grid: Some(grid),
+        })
+    }
+
+    /// The point that stands for a place on the surface: the nearest corner of its triangle, or the
+    /// texel it lies in, if that is one of the points.
+    pub fn nearest(&self, mesh: &Mesh, triangle: u32, barycentric: Vec2) -> Option<u32> {
+        match &self.grid {
+            None => {
+                let place = mesh.position_at(triangle, barycentric);
+                let distance = |vertex: &u32| mesh.positions[*vertex as usize].distance(place);
+                let corners = self.of_triangle[triangle as usize];
+                corners
+                    .into_iter()
+                    .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            }
+            Some(grid) => grid.point_at(mesh.uv_at(triangle, barycentric)?),
+        }
+    }
+}
+
 /// One point a vertex, in the vertices' order.
 ///
 /// The triangle is the first that uses the vertex; a loaded mesh has one for every vertex. The
 /// normal is the vertex's own, also on a flat mesh.
-pub fn vertex_points(mesh: &Mesh) -> Vec<SurfacePoint> {
+fn vertex_points(mesh: &Mesh) -> Vec<SurfacePoint> {
     let mut place = vec![(0, Vec2::ZERO); mesh.positions.len()];
     for (triangle, corners) in mesh.triangles.iter().enumerate().rev() {
         for (vertex, barycentric) in corners.iter().zip([Vec2::ZERO, Vec2::X, Vec2::Y]) {
@@ -94,7 +147,7 @@ pub fn neighbours(mesh: &Mesh) -> Neighbours {
 ///
 /// A corner looks among the points on the triangles around it; corners without any take what a
 /// neighbour over an edge found. An index stays 0 only where no chart of points reaches.
-pub fn nearest_points(mesh: &Mesh, points: &[SurfacePoint]) -> Vec<[u32; 3]> {
+fn nearest_points(mesh: &Mesh, points: &[SurfacePoint]) -> Vec<[u32; 3]> {
     let neighbours = neighbours(mesh);
     let weld = |vertex: u32| neighbours.weld[vertex as usize] as usize;
     let mut nearest: Vec<Option<(f32, u32)>> = vec![None; mesh.positions.len()];

@@ -2,7 +2,7 @@
 
 use std::f32::consts::FRAC_1_SQRT_2;
 
-use glam::DVec2;
+use glam::{DVec2, Vec2};
 
 use super::{Mesh, MeshError, SurfacePoint};
 
@@ -30,7 +30,7 @@ pub struct TexelGrid {
 /// # Errors
 ///
 /// If the mesh has no texture coordinates, or `resolution` is 0 or above 16384.
-pub fn texel_points(
+pub(super) fn texel_points(
     mesh: &Mesh,
     resolution: u32,
 ) -> Result<(Vec<SurfacePoint>, TexelGrid), MeshError> {
@@ -139,6 +139,17 @@ fn is_left_of(point: DVec2, from: DVec2, to: DVec2) -> bool {
 }
 
 impl TexelGrid {
+    /// The point whose texel holds a texture coordinate, if that texel is one of the points.
+    pub fn point_at(&self, uv: Vec2) -> Option<u32> {
+        let side = self.resolution as f32;
+        let (x, y) = ((uv.x * side).floor(), (uv.y * side).floor());
+        if !(x >= 0.0 && y >= 0.0 && x < side && y < side) {
+            return None;
+        }
+        let texel = y as u32 * self.resolution + x as u32;
+        self.texels.binary_search(&texel).ok().map(|i| i as u32)
+    }
+
     /// A map `[resolution][resolution]` of the points' values, with its seams padded: texels up to
     /// `padding` away from a chart get a mean of its rim; the others get `background`.
     ///

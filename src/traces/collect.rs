@@ -1,4 +1,4 @@
-//! From photographs to traces: project every point into every frame and read what is seen there.
+//! From photographs to traces: which point of the surface every pixel shows, and what is seen there.
 
 use std::path::PathBuf;
 
@@ -6,11 +6,11 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::footprint::footprint;
+use super::footprint::Footprint;
 use super::{Observation, Trace, TraceSet};
 use crate::accel::Accel;
 use crate::image::{ImageError, Mask, RgbImage};
-use crate::mesh::{Mesh, SurfacePoint};
+use crate::mesh::{Mesh, PointSet};
 use crate::rig::View;
 use crate::scene::{Capture, CaptureFrame, Sensor};
 
@@ -20,26 +20,32 @@ pub struct CollectSettings {
     /// Smallest cosine between normal and view. Below 0.2 (78°) a pixel covers five times its
     /// width of surface, and model and mesh normals are at their worst.
     pub smallest_cos: f32,
+    /// How far from a pixel's patch its point may be, in widths of the pixel on the surface. On a
+    /// mesh coarser than the image this bounds what is taken for the same material.
+    pub reach: f32,
 }
 
 impl Default for CollectSettings {
     fn default() -> Self {
-        Self { smallest_cos: 0.2 }
+        Self {
+            smallest_cos: 0.2,
+            reach: 3.0,
+        }
     }
 }
 
-/// What happened to the point–frame pairs; sums over frames.
+/// What happened to the pixels; sums over frames.
 #[derive(Clone, Copy, Debug, Default, Serialize, PartialEq, Eq)]
 pub struct TraceStats {
-    /// Pairs of points and frames.
-    pub pairs: u64,
-    /// Turned away, or at too grazing an angle.
-    pub turned_away: u64,
-    /// Outside the image, or not wholly covered by the object in the mask.
-    pub outside: u64,
-    /// Hidden behind the object, or at an edge of it.
-    pub hidden: u64,
-    /// Observed.
+    /// Pixels wholly covered by the object, by their mask.
+    pub pixels: u64,
+    /// Of these: no single smooth patch (an edge, a crease, or past the mesh).
+    pub edges: u64,
+    /// Seen at too grazing an angle.
+    pub grazing: u64,
+    /// Without a point within reach.
+    pub far: u64,
+    /// Observations; a pixel counts again for each further point that has no nearer one.
     pub observed: u64,
 }
 
@@ -85,53 +91,72 @@ pub enum TraceError {
 /// scales the whole by its residuals.
 const ASSUMED_NOISE: (f32, f32) = (0.01, 0.001);
 
-/// Collects the traces of `points` over all frames of a capture.
+/// Collects the traces of all points over all frames of a capture.
 ///
-/// `points_of_triangle` names, for each triangle, the points nearest to its corners. `on_frame`
-/// hears of every frame done.
+/// Every pixel is an observation of the point that stands for the middle of its patch, so that no
+/// part of a photograph is left out; a point too small to have pixels of its own in a frame takes
+/// the one it is projected onto. `on_frame` hears of every frame done.
 pub fn collect(
     capture: &Capture,
     mesh: &Mesh,
     accel: &Accel,
-    points: Vec<SurfacePoint>,
-    points_of_triangle: Vec<[u32; 3]>,
+    points: &PointSet,
     settings: &CollectSettings,
     on_frame: &(dyn Fn(usize) + Sync),
 ) -> Result<(TraceSet, TraceStats), TraceError> {
     let mut traces: Vec<Trace> = points
-        .into_iter()
-        .map(|point| Trace {
+        .points
+        .iter()
+        .map(|&point| Trace {
             point,
             observations: Vec::new(),
         })
         .collect();
     let mut stats = TraceStats::default();
     let mut world_from_object = Vec::with_capacity(capture.frames.len());
-    let object_from_mesh = mesh.object_from_mesh();
     for (number, frame) in capture.frames.iter().enumerate() {
         let view = View::new(
             &capture.camera,
             &capture.turn,
             frame.angle,
-            object_from_mesh,
+            mesh.object_from_mesh(),
         );
         world_from_object.push(view.world_from_object());
         let photograph = Photograph::read(capture, frame)?;
-
-        // Each point on its own, in parallel; the outcome is stored in the order of the points.
-        let look = |trace: &mut Trace| {
-            let outcome = photograph.look(mesh, accel, &view, &trace.point, settings);
-            if let Outcome::Observed(mut observation) = outcome {
-                observation.frame = number as u32;
-                trace.observations.push(observation);
-            }
-            outcome.count()
-        };
-        let counts: Vec<TraceStats> = traces
-            .par_chunks_mut(256)
-            .map(|chunk| sum(chunk.iter_mut().map(look)))
-            .collect();
-        stats = sum([stats].into_iter().chain(counts));
+        let patches = photograph.patches(mesh, accel, &view, points, settings, &mut stats);
+        let owned = owned_pixels(&patches, traces.len());
+        stats.observed += traces
+            .par_iter_mut()
+            .enumerate()
+            .map(|(index, trace)| {
+                let position = trace.point.position;
+                let own = owned.of(index);
+                let borrowed = if own.is_empty() {
+                    photograph.pixel_of(&view, position)
+                } else {
+                    None
+                };
+                let mut pixels: Vec<(f32, u32)> = own
+                    .iter()
+                    .copied()
+                    .chain(borrowed)
+                    .filter_map(|pixel| {
+                        let patch = patches[pixel as usize].as_ref()?;
+                        let distance = patch.footprint.position.distance(position);
+                        (distance <= settings.reach * patch.width_on_surface())
+                            .then_some((distance, pixel))
+                    })
+                    .collect();
+                pixels.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+                trace
+                    .observations
+                    .extend(pixels.iter().filter_map(|&(_, pixel)| {
+                        let patch = patches[pixel as usize].as_ref()?;
+                        Some(photograph.observation(number, pixel, &patch.footprint))
+                    }));
+                pixels.len() as u64
+            })
+            .sum::<u64>();
         on_frame(number);
     }
     let noise_is_known = capture.sensor.is_some();
@@ -139,47 +164,52 @@ pub fn collect(
         TraceSet {
             traces,
             world_from_object,
-            points_of_triangle,
+            points_of_triangle: points.of_triangle.clone(),
             noise_is_known,
         },
         stats,
     ))
 }
 
-/// What became of a point in a frame.
-enum Outcome {
-    TurnedAway,
-    Outside,
-    Hidden,
-    Observed(Observation),
+/// A pixel's patch, and the point that stands for its middle.
+struct Patch {
+    footprint: Footprint,
+    owner: Option<u32>,
 }
 
-impl Outcome {
-    fn count(&self) -> TraceStats {
-        let one = TraceStats {
-            pairs: 1,
-            ..TraceStats::default()
-        };
-        match self {
-            Self::TurnedAway => TraceStats {
-                turned_away: 1,
-                ..one
-            },
-            Self::Outside => TraceStats { outside: 1, ..one },
-            Self::Hidden => TraceStats { hidden: 1, ..one },
-            Self::Observed(_) => TraceStats { observed: 1, ..one },
-        }
+impl Patch {
+    /// Width of the pixel on the surface, along the slant.
+    fn width_on_surface(&self) -> f32 {
+        self.footprint.width / self.footprint.normal.dot(self.footprint.wo)
     }
 }
 
-fn sum(stats: impl Iterator<Item = TraceStats>) -> TraceStats {
-    stats.fold(TraceStats::default(), |a, b| TraceStats {
-        pairs: a.pairs + b.pairs,
-        turned_away: a.turned_away + b.turned_away,
-        outside: a.outside + b.outside,
-        hidden: a.hidden + b.hidden,
-        observed: a.observed + b.observed,
-    })
+/// Pixels by the point that owns them.
+struct OwnedPixels {
+    /// `[points + 1]` where each point's pixels start.
+    starts: Vec<usize>,
+    pixels: Vec<u32>,
+}
+
+impl OwnedPixels {
+    fn of(&self, point: usize) -> &[u32] {
+        &self.pixels[self.starts[point]..self.starts[point + 1]]
+    }
+}
+
+fn owned_pixels(patches: &[Option<Patch>], points: usize) -> OwnedPixels {
+    let mut pairs: Vec<(u32, u32)> = (0u32..)
+        .zip(patches)
+        .filter_map(|(pixel, patch)| Some((patch.as_ref()?.owner?, pixel)))
+        .collect();
+    pairs.sort_unstable();
+    let starts = (0..=points as u32)
+        .map(|point| pairs.partition_point(|(owner, _)| *owner < point))
+        .collect();
+    OwnedPixels {
+        starts,
+        pixels: pairs.into_iter().map(|(_, pixel)| pixel).collect(),
+    }
 }
 
 /// A frame's image, mask and noise in memory.
@@ -241,61 +271,86 @@ impl Photograph {
         Ok(Self { image, mask, noise })
     }
 
-    /// What this frame shows of a point.
-    fn look(
+    /// The usable patch of every pixel, row by row.
+    fn patches(
         &self,
         mesh: &Mesh,
         accel: &Accel,
         view: &View,
-        point: &SurfacePoint,
+        points: &PointSet,
         settings: &CollectSettings,
-    ) -> Outcome {
-        // Does the point face the camera?
-        let to_camera = view.position() - point.position;
-        let cos = point.normal.dot(to_camera.normalize_or_zero());
-        if cos < settings.smallest_cos {
-            return Outcome::TurnedAway;
-        }
-        // Which pixel does it fall on, and does the object cover that pixel whole?
-        let Some(pixel) = view.project(point.position) else {
-            return Outcome::Outside;
+        stats: &mut TraceStats,
+    ) -> Vec<Option<Patch>> {
+        let width = self.image.width;
+        let look = |pixel: usize, stats: &mut TraceStats| {
+            if self.mask.as_ref().is_some_and(|m| m.pixels[pixel] != 255) {
+                return None;
+            }
+            let place = (pixel % width, pixel / width);
+            let Some(footprint) = Footprint::of_pixel(mesh, accel, view, place) else {
+                stats.edges += 1;
+                return None;
+            };
+            if footprint.normal.dot(footprint.wo) < settings.smallest_cos
+                || footprint.geometric_normal.dot(footprint.wo) <= 0.0
+            {
+                stats.grazing += 1;
+                return None;
+            }
+            let (triangle, barycentric) = footprint.place;
+            let mut patch = Patch {
+                footprint,
+                owner: points.nearest(mesh, triangle, barycentric),
+            };
+            let reach = settings.reach * patch.width_on_surface();
+            let within = |&owner: &u32| {
+                let place = points.points[owner as usize].position;
+                place.distance(patch.footprint.position) <= reach
+            };
+            patch.owner = patch.owner.filter(within);
+            stats.far += u64::from(patch.owner.is_none());
+            Some(patch)
         };
+        let rows: Vec<(Vec<Option<Patch>>, TraceStats)> = (0..self.image.height)
+            .into_par_iter()
+            .map(|y| {
+                let mut stats = TraceStats::default();
+                let row = (y * width..(y + 1) * width).map(|i| look(i, &mut stats));
+                (row.collect(), stats)
+            })
+            .collect();
+        let inside = |m: &Mask| m.pixels.iter().filter(|&&p| p == 255).count();
+        stats.pixels += self.mask.as_ref().map_or(self.image.pixels.len(), inside) as u64;
+        let mut patches = Vec::with_capacity(self.image.pixels.len());
+        for (row, counts) in rows {
+            patches.extend(row);
+            stats.edges += counts.edges;
+            stats.grazing += counts.grazing;
+            stats.far += counts.far;
+        }
+        patches
+    }
+
+    /// The pixel that a position is projected onto.
+    fn pixel_of(&self, view: &View, position: Vec3) -> Option<u32> {
+        let pixel = view.project(position)?;
         let (x, y) = (pixel.x.floor(), pixel.y.floor());
         let (width, height) = (self.image.width, self.image.height);
-        if !(x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64) {
-            return Outcome::Outside;
-        }
-        let (x, y) = (x as usize, y as usize);
-        let index = y * width + x;
-        if self
-            .mask
-            .as_ref()
-            .is_some_and(|mask| mask.pixels[index] != 255)
-        {
-            return Outcome::Outside;
-        }
-        // Is the patch in that pixel the surface around the point? Within two pixels' width,
-        // stretched by the slant, it is.
-        let pixel_width = view.pixel_width_at(to_camera.length());
-        let reach = 2.0 * pixel_width / cos;
-        let Some(patch) = footprint(mesh, accel, view, (x, y), point.position, reach) else {
-            return Outcome::Hidden;
-        };
-        if patch.normal.dot(patch.wo) < settings.smallest_cos
-            || patch.geometric_normal.dot(patch.wo) <= 0.0
-        {
-            return Outcome::TurnedAway;
-        }
-        let radiance = Vec3::from(self.image.pixels[index]);
-        Outcome::Observed(Observation {
-            frame: 0,
+        (x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64)
+            .then(|| (y as usize * width + x as usize) as u32)
+    }
+
+    fn observation(&self, frame: usize, pixel: u32, footprint: &Footprint) -> Observation {
+        let radiance = Vec3::from(self.image.pixels[pixel as usize]);
+        Observation {
+            frame: frame as u32,
             radiance,
             variance: self.noise.variance(radiance),
-            wo: patch.wo,
-            normal: patch.normal,
-            geometric_normal: patch.geometric_normal,
-            normal_variance: patch.normal_variance,
-        })
+            wo: footprint.wo,
+            normal: footprint.normal,
+            geometric_normal: footprint.geometric_normal,
+            normal_variance: footprint.normal_variance,
+        }
     }
 }
 

@@ -41,8 +41,27 @@ pub struct Observation {
 pub struct Trace {
     /// Where on the surface, mesh frame.
     pub point: SurfacePoint,
-    /// In order of frames; empty if it was never seen.
+    /// In order of frames, and within a frame nearest to the point first; empty if it was never
+    /// seen.
     pub observations: Vec<Observation>,
+}
+
+impl Trace {
+    /// Number of frames in which the point is seen.
+    pub fn frames(&self) -> u32 {
+        self.observations
+            .chunk_by(|a, b| a.frame == b.frame)
+            .count() as u32
+    }
+
+    /// Only the nearest observation of every frame.
+    pub fn nearest(&self) -> Self {
+        let frames = self.observations.chunk_by(|a, b| a.frame == b.frame);
+        Self {
+            point: self.point,
+            observations: frames.map(|frame| frame[0]).collect(),
+        }
+    }
 }
 
 /// All traces of a capture.
