@@ -127,7 +127,7 @@ pub(super) fn fit_capture(
     // Fit.
     let started = Instant::now();
     let points_bar = bar(common, "fitting", traces.traces.len());
-    let (estimates, fit_stats) = fit(&traces, &pyramid, &accel, &settings, &|n| {
+    let (estimates, fit_stats) = fit(&traces, &pyramid, &mesh, &accel, &settings, &|n| {
         points_bar.inc(n as u64)
     });
     points_bar.finish_and_clear();

@@ -51,9 +51,22 @@ pub(super) struct ForwardModel<'a> {
     pub(super) footprints: bool,
 }
 
+/// Light at a point from about one direction.
+#[derive(Clone, Copy)]
+pub(super) struct Arrival {
+    /// Towards the light, unit, object frame.
+    pub(super) direction: Vec3,
+    /// Radiance × solid angle, linear RGB.
+    pub(super) flux: Vec3,
+}
+
 /// Working memory, one a thread.
 #[derive(Default)]
 pub(super) struct Scratch {
+    /// What arrives at a point in one frame, for diffuse reflection.
+    arriving: Vec<Arrival>,
+    /// Of this, what the object throws.
+    glow: Vec<Arrival>,
     cut: LightCut,
     nodes: NodeArrays,
     sums: [Vec<Vec3>; 2],
@@ -74,32 +87,30 @@ impl<'a> ForwardModel<'a> {
             .collect()
     }
 
-    /// Irradiance over π at a point of normal `normal` (object frame) in frame `frame`: light that
-    /// is seen, plus the glow of the object where it blocks.
-    pub(super) fn diffuse(
+    /// The open diffuse nodes at a point in frame `frame`.
+    fn arriving(&self, frame: usize, visibility: &Visibility, arrivals: &mut Vec<Arrival>) {
+        let rotation = &self.world_from_object[frame];
+        arrivals.extend(self.diffuse_nodes.iter().filter_map(|node| {
+            let direction = to_object(rotation, node.direction);
+            let open = visibility.open(direction, node.spread);
+            (open > 0.0).then_some(Arrival {
+                direction,
+                flux: node.flux * open,
+            })
+        }));
+    }
+
+    /// Irradiance of the light alone over π at a point of normal `normal` (object frame).
+    pub(super) fn irradiance(
         &self,
         frame: usize,
         normal: Vec3,
-        geometric_normal: Vec3,
         visibility: &Visibility,
-        glow: Option<&Glow<'_>>,
-        mirror: Option<Vec3>,
+        scratch: &mut Scratch,
     ) -> Vec3 {
-        let rotation = &self.world_from_object[frame];
-        let mut sum = Vec3::ZERO;
-        for node in &self.diffuse_nodes {
-            let wi = to_object(rotation, node.direction);
-            let cos = wi.dot(normal);
-            if cos > 0.0 && self.allowed(wi, geometric_normal, mirror) {
-                sum += node.flux * (cos * visibility.open(wi, node.spread));
-            }
-        }
-        if let Some(glow) = glow {
-            for (patch, flux) in glow.at(frame, visibility) {
-                sum += flux * patch.direction.dot(normal).max(0.0);
-            }
-        }
-        sum / std::f32::consts::PI
+        scratch.arriving.clear();
+        self.arriving(frame, visibility, &mut scratch.arriving);
+        irradiance(&scratch.arriving, normal, |_| true)
     }
 
     /// Light from below the surface itself never arrives; the paper's window may exclude more.
@@ -125,23 +136,35 @@ impl<'a> ForwardModel<'a> {
         columns.normal_variance.clear();
         columns.specular.iter_mut().for_each(Vec::clear);
         let alphas: Vec<f32> = (0..ROUGHNESSES).map(roughness).collect();
-        for observation in &trace.observations {
-            let frame = observation.frame as usize;
-            let mirror = self.window_cos.map(|_| mirror(observation));
-            let (normal, side) = (observation.normal, observation.geometric_normal);
-            columns
-                .diffuse
-                .push(self.diffuse(frame, normal, side, visibility, glow, mirror));
-            columns.normal_variance.push(if self.footprints {
-                observation.normal_variance
-            } else {
-                0.0
-            });
-            self.gather(observation, visibility, glow, mirror, scratch);
-            let cos_o = normal.dot(observation.wo);
-            scratch.nodes.sums(&alphas, cos_o, &mut scratch.sums);
-            for (column, sums) in columns.specular.iter_mut().zip(&scratch.sums) {
-                column.extend_from_slice(sums);
+        for frame in trace.observations.chunk_by(|a, b| a.frame == b.frame) {
+            // What arrives at the point serves all its observations in a frame.
+            let number = frame[0].frame as usize;
+            scratch.glow.clear();
+            if let Some(glow) = glow {
+                glow.arriving(number, visibility, &mut scratch.glow);
+            }
+            scratch.arriving.clear();
+            self.arriving(number, visibility, &mut scratch.arriving);
+            scratch.arriving.extend_from_slice(&scratch.glow);
+            for observation in frame {
+                let (normal, side) = (observation.normal, observation.geometric_normal);
+                let mirror = self.window_cos.map(|_| mirror(observation));
+                columns
+                    .diffuse
+                    .push(irradiance(&scratch.arriving, normal, |wi| {
+                        self.allowed(wi, side, mirror)
+                    }));
+                columns.normal_variance.push(if self.footprints {
+                    observation.normal_variance
+                } else {
+                    0.0
+                });
+                self.gather(observation, visibility, mirror, scratch);
+                let cos_o = normal.dot(observation.wo);
+                scratch.nodes.sums(&alphas, cos_o, &mut scratch.sums);
+                for (column, sums) in columns.specular.iter_mut().zip(&scratch.sums) {
+                    column.extend_from_slice(sums);
+                }
             }
         }
     }
@@ -151,7 +174,6 @@ impl<'a> ForwardModel<'a> {
         &self,
         observation: &Observation,
         visibility: &Visibility,
-        glow: Option<&Glow<'_>>,
         mirror: Option<Vec3>,
         scratch: &mut Scratch,
     ) {
@@ -187,12 +209,25 @@ impl<'a> ForwardModel<'a> {
                 push(&mut scratch.nodes, wi, node.flux * open);
             }
         }
-        if let Some(glow) = glow {
-            for (patch, flux) in glow.at(observation.frame as usize, visibility) {
-                push(&mut scratch.nodes, patch.direction, flux);
+        for arrival in &scratch.glow {
+            if self.allowed(arrival.direction, observation.geometric_normal, mirror) {
+                push(&mut scratch.nodes, arrival.direction, arrival.flux);
             }
         }
     }
+}
+
+/// Irradiance over π of what arrives from the directions that are allowed.
+#[inline]
+fn irradiance(arrivals: &[Arrival], normal: Vec3, allowed: impl Fn(Vec3) -> bool) -> Vec3 {
+    let mut sum = Vec3::ZERO;
+    for arrival in arrivals {
+        let cos = arrival.direction.dot(normal);
+        if cos > 0.0 && allowed(arrival.direction) {
+            sum += arrival.flux * cos;
+        }
+    }
+    sum / std::f32::consts::PI
 }
 
 /// The direction that a mirror would reflect to the camera.

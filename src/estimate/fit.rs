@@ -5,10 +5,12 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::columns::{Columns, ForwardModel, Scratch};
-use super::interreflection::{Glow, outgoing};
+use super::gloss::Gloss;
+use super::interreflection::{self, Glow};
 use super::visibility::Visibility;
 use super::{Estimate, Estimator, FitSettings, Status, full, gradient};
 use crate::accel::Accel;
+use crate::mesh::Mesh;
 use crate::probe::LightPyramid;
 use crate::traces::{Trace, TraceSet};
 
@@ -32,6 +34,7 @@ pub struct FitStats {
 pub fn fit(
     traces: &TraceSet,
     pyramid: &LightPyramid,
+    mesh: &Mesh,
     accel: &Accel,
     settings: &FitSettings,
     on_points: &(dyn Fn(usize) + Sync),
@@ -55,18 +58,18 @@ pub fn fit(
     // light onto others, but only if interreflection is asked for.
     let rounds = if paper { 0 } else { settings.interreflections };
     let needed = |trace: &Trace| !paper && (rounds > 0 || !trace.observations.is_empty());
-    let visibilities: Vec<(Visibility, u64)> = traces
+    let (visibilities, rays): (Vec<Visibility>, Vec<u64>) = traces
         .traces
         .par_iter()
         .map(|trace| {
             if needed(trace) {
-                Visibility::trace(accel, trace.point.position, trace.point.normal)
+                Visibility::trace(mesh, accel, trace.point.position, trace.point.normal)
             } else {
                 (Visibility::Open, 0)
             }
         })
-        .collect();
-    stats.visibility_rays = visibilities.iter().map(|(_, rays)| rays).sum();
+        .unzip();
+    stats.visibility_rays = rays.iter().sum();
     stats.seen = traces
         .traces
         .iter()
@@ -74,15 +77,15 @@ pub fn fit(
         .count() as u64;
     stats.open = visibilities
         .iter()
-        .filter(|(v, _)| matches!(v, Visibility::Open))
+        .filter(|v| matches!(v, Visibility::Open))
         .count() as u64;
-    let any_blocked = visibilities.iter().any(|(v, _)| !v.blocked().is_empty());
+    let any_blocked = visibilities.iter().any(|v| !v.blocked().is_empty());
 
     let fresh = || (Scratch::default(), Columns::default());
     let fit_point =
         |trace: &Trace, index: usize, glow: Option<&Glow<'_>>, memory: &mut (Scratch, Columns)| {
             let (scratch, columns) = memory;
-            model.columns(trace, &visibilities[index].0, glow, scratch, columns);
+            model.columns(trace, &visibilities[index], glow, scratch, columns);
             match settings.estimator {
                 Estimator::Full => full::estimate(trace, columns, settings, traces.noise_is_known),
                 Estimator::Gradient => gradient::estimate(trace, columns, settings),
@@ -91,19 +94,30 @@ pub fn fit(
 
     // The object's own light, from albedos by one observation a frame: its error is that of a few
     // per cent of the light.
-    let mut radiance: Option<Vec<Vec3>> = None;
+    let (gloss, direct, normals);
+    let scene;
+    let mut glow = None;
     if any_blocked && rounds > 0 {
-        let direct = irradiance(&model, traces, &visibilities);
+        gloss = Gloss::new(pyramid, settings.eta);
+        direct = irradiance(&model, traces, &visibilities);
+        normals = traces
+            .traces
+            .iter()
+            .map(|t| t.point.normal)
+            .collect::<Vec<_>>();
+        scene = interreflection::Scene {
+            visibilities: &visibilities,
+            normals: &normals,
+            points_of_triangle: &traces.points_of_triangle,
+            world_from_object: &traces.world_from_object,
+            gloss: &gloss,
+            irradiance: &direct,
+        };
         let nearest: Vec<Trace> = traces.traces.iter().map(Trace::nearest).collect();
         let mut estimates = vec![Estimate::without_data(Status::Unseen, 0); nearest.len()];
         for round in 0..rounds {
-            let glow = radiance.as_deref().map(|radiance| Glow {
-                radiance,
-                points: nearest.len(),
-                points_of_triangle: &traces.points_of_triangle,
-            });
             // Later rounds change only what sees the object.
-            let again = |index: usize| round == 0 || !visibilities[index].0.blocked().is_empty();
+            let again = |index: usize| round == 0 || !visibilities[index].blocked().is_empty();
             stats.observations += (0..nearest.len())
                 .filter(|&index| again(index))
                 .map(|index| nearest[index].observations.len() as u64)
@@ -115,7 +129,7 @@ pub fn fit(
                 .for_each_init(fresh, |memory, (index, estimate)| {
                     *estimate = fit_point(&nearest[index], index, glow.as_ref(), memory);
                 });
-            radiance = Some(outgoing(&estimates, &direct));
+            glow = Some(Glow::new(&scene, &estimates));
         }
     }
 
@@ -125,11 +139,6 @@ pub fn fit(
         .iter()
         .map(|t| t.observations.len() as u64)
         .sum::<u64>();
-    let glow = radiance.as_deref().map(|radiance| Glow {
-        radiance,
-        points: traces.traces.len(),
-        points_of_triangle: &traces.points_of_triangle,
-    });
     let estimates = traces
         .traces
         .par_iter()
@@ -150,15 +159,15 @@ pub fn fit(
 fn irradiance(
     model: &ForwardModel<'_>,
     traces: &TraceSet,
-    visibilities: &[(Visibility, u64)],
+    visibilities: &[Visibility],
 ) -> Vec<Vec3> {
     let points = traces.traces.len();
     (0..points * traces.world_from_object.len())
         .into_par_iter()
-        .map(|i| {
+        .map_init(Scratch::default, |scratch, i| {
             let (frame, point) = (i / points, i % points);
             let normal = traces.traces[point].point.normal;
-            model.diffuse(frame, normal, normal, &visibilities[point].0, None, None)
+            model.irradiance(frame, normal, &visibilities[point], scratch)
         })
         .collect()
 }

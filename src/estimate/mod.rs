@@ -14,6 +14,7 @@
 mod columns;
 mod fit;
 mod full;
+mod gloss;
 mod gradient;
 mod interreflection;
 mod light_cut;

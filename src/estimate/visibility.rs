@@ -10,6 +10,7 @@ use crate::accel::Accel;
 use crate::geometry::{
     Ray, direction_from_octahedral, octahedral_from_direction, octahedral_neighbour, offset_origin,
 };
+use crate::mesh::Mesh;
 
 /// Cells across the grid that is traced whole: 5.6° apart, about 500 rays a hemisphere.
 const COARSE: usize = 32;
@@ -29,6 +30,8 @@ pub(super) struct BlockedPatch {
     pub(super) triangle: u32,
     /// Where on the triangle.
     pub(super) barycentric: Vec2,
+    /// Shading normal there, unit, object frame.
+    pub(super) normal: Vec3,
 }
 
 /// The directions from which light reaches a surface point.
@@ -39,7 +42,8 @@ pub(super) enum Visibility {
     Partial {
         /// `LEVELS[i]²` open share of each cell in 255ths; cells below the horizon count as open.
         open: Box<[Vec<u8>; 5]>,
-        /// What blocks, in patches of at most one coarse cell.
+        /// What blocks and reflects, in patches of at most one coarse cell; the back of a surface is
+        /// black.
         blocked: Vec<BlockedPatch>,
     },
 }
@@ -55,7 +59,7 @@ enum Cell {
 impl Visibility {
     /// Traces what is seen from `position` on a surface of normal `normal` (mesh frame). The number
     /// of rays comes back too.
-    pub(super) fn trace(accel: &Accel, position: Vec3, normal: Vec3) -> (Self, u64) {
+    pub(super) fn trace(mesh: &Mesh, accel: &Accel, position: Vec3, normal: Vec3) -> (Self, u64) {
         let origin = offset_origin(position, normal);
         let mut rays = 0;
         let mut patches: Vec<Option<(u32, Vec2)>> = vec![None; COARSE * COARSE];
@@ -116,6 +120,9 @@ impl Visibility {
             .filter_map(|(i, patch)| {
                 let (triangle, barycentric) = (*patch)?;
                 let direction = centre(COARSE, i % COARSE, i / COARSE);
+                if direction.dot(mesh.geometric_normal(triangle)) >= 0.0 {
+                    return None;
+                }
                 let share = 1.0 - f32::from(open[2][i]) / 255.0;
                 let solid_angle = share * solid_angle(COARSE, i % COARSE, i / COARSE);
                 (share > 0.0).then_some(BlockedPatch {
@@ -123,6 +130,7 @@ impl Visibility {
                     solid_angle,
                     triangle,
                     barycentric,
+                    normal: mesh.normal_at(triangle, barycentric),
                 })
             })
             .collect();
