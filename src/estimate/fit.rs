@@ -63,7 +63,8 @@ pub fn fit(
         .par_iter()
         .map(|trace| {
             if needed(trace) {
-                Visibility::trace(mesh, accel, trace.point.position, trace.point.normal)
+                let (position, normal) = trace.middle();
+                Visibility::trace(mesh, accel, position, normal)
             } else {
                 (Visibility::Open, 0)
             }
@@ -129,7 +130,7 @@ pub fn fit(
                 .for_each_init(fresh, |memory, (index, estimate)| {
                     *estimate = fit_point(&nearest[index], index, glow.as_ref(), memory);
                 });
-            glow = Some(Glow::new(&scene, &estimates));
+            glow = Some(Glow::new(&scene, &estimates, glow.as_ref()));
         }
     }
 

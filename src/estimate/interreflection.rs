@@ -9,15 +9,15 @@
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
-use super::Estimate;
 use super::columns::Arrival;
 use super::gloss::Gloss;
 use super::visibility::{BlockedPatch, Visibility};
+use super::{Estimate, Status};
 use crate::brdf::Ndf;
 
-/// Orders of diffuse reflection. An order carries at most the share of the last that the albedo and
-/// the blocked part of the hemisphere leave: below a third on ordinary objects.
-const ORDERS: usize = 6;
+/// Iterations of the object's own light. An order of reflection carries at most the share of the
+/// last that albedo and the blocked part of the hemisphere leave: below a third on ordinary objects.
+const ITERATIONS: usize = 8;
 
 /// What a point reflects with.
 #[derive(Clone, Copy)]
@@ -48,17 +48,31 @@ pub(super) struct Scene<'a> {
 pub(super) struct Glow<'a> {
     scene: &'a Scene<'a>,
     materials: Vec<Material>,
-    /// `[frame · points + point]` diffusely reflected radiance, linear RGB.
+    /// `[frame · points + point]` irradiance over π, the object's own light included.
+    irradiance: Vec<Vec3>,
+    /// `[frame · points + point]` diffusely reflected radiance.
     diffuse: Vec<Vec3>,
 }
 
 impl<'a> Glow<'a> {
-    /// The object's light under the current estimates.
-    pub(super) fn new(scene: &'a Scene<'a>, estimates: &[Estimate]) -> Self {
+    /// The object's light under estimates that were made in the light of `previous`, or of the
+    /// sources alone.
+    ///
+    /// A fit determines the diffuse radiance `rho_d T_d` better than its factors: in a hollow, an
+    /// albedo fitted without the object's light is too large by what that light adds. So it is the
+    /// radiance that is held while the light is iterated, and the albedos follow.
+    pub(super) fn new(
+        scene: &'a Scene<'a>,
+        estimates: &[Estimate],
+        previous: Option<&Self>,
+    ) -> Self {
         let points = estimates.len();
+        let fitted_in = previous.map_or(scene.irradiance, |p| p.irradiance.as_slice());
+        let fitted = materials(estimates);
         let mut glow = Self {
             scene,
-            materials: materials(estimates),
+            materials: fitted.clone(),
+            irradiance: Vec::new(),
             diffuse: vec![Vec3::ZERO; scene.irradiance.len()],
         };
         // Irradiance over π that a point gets from the blocked part of its view.
@@ -83,15 +97,29 @@ impl<'a> Glow<'a> {
                 scene.irradiance[i] + gathered(&glow, i, &specular)
             })
             .collect();
-        for _ in 0..ORDERS {
-            glow.diffuse = every
+        for _ in 0..ITERATIONS {
+            glow.irradiance = every
                 .clone()
                 .into_par_iter()
                 .map(|i| {
                     let diffuse = |frame, patch: &BlockedPatch| glow.diffuse(frame, patch);
-                    let irradiance = first[i] + gathered(&glow, i, &diffuse);
-                    irradiance * glow.materials[i % points].rho_d
+                    first[i] + gathered(&glow, i, &diffuse)
                 })
+                .collect();
+            // The albedo whose radiance is nearest to the fitted one, over all frames.
+            for (point, material) in glow.materials.iter_mut().enumerate() {
+                let (mut product, mut square) = (Vec3::ZERO, Vec3::ZERO);
+                for i in (point..glow.irradiance.len()).step_by(points) {
+                    product += fitted_in[i] * glow.irradiance[i];
+                    square += glow.irradiance[i] * glow.irradiance[i];
+                }
+                let ratio = product / square.max(Vec3::splat(f32::MIN_POSITIVE));
+                material.rho_d = (fitted[point].rho_d * ratio).min(Vec3::ONE);
+            }
+            glow.diffuse = every
+                .clone()
+                .into_par_iter()
+                .map(|i| glow.irradiance[i] * glow.materials[i % points].rho_d)
                 .collect();
         }
         glow
@@ -143,27 +171,37 @@ impl<'a> Glow<'a> {
     }
 }
 
-/// What every point reflects with. Points without an albedo of their own (never seen) take the mean
-/// of those that have one; points without a lobe have no specular reflection.
+/// What every point reflects with. A point whose diffuse albedo or lobe the data do not determine to
+/// half its value takes the median of those
+/// that they do.
 fn materials(estimates: &[Estimate]) -> Vec<Material> {
-    let known = |e: &&Estimate| e.frames > 0 && e.sigma_rho_d.is_finite();
-    let count = estimates.iter().filter(known).count().max(1) as f32;
-    let mean = estimates
-        .iter()
-        .filter(known)
-        .map(|e| e.rho_d / count)
-        .sum::<Vec3>();
+    let diffuse_known =
+        |e: &&Estimate| e.frames > 0 && e.sigma_rho_d.cmple(0.5 * e.rho_d.min(Vec3::ONE)).all();
+    let lobe_known = |e: &&Estimate| {
+        e.status == Status::Converged && e.sigma_rho_s <= 0.5 * e.rho_s.max_element()
+    };
+    let median = |known: &dyn Fn(&&Estimate) -> bool, value: &dyn Fn(&Estimate) -> f32| {
+        let mut values: Vec<f32> = estimates.iter().filter(known).map(value).collect();
+        values.sort_by(f32::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or(0.0)
+    };
+    let rho_d = Vec3::from([0, 1, 2].map(|c| median(&diffuse_known, &|e| e.rho_d[c].min(1.0))));
+    let rho_s = Vec3::from([0, 1, 2].map(|c| median(&lobe_known, &|e| e.rho_s[c])));
+    let alpha = median(&lobe_known, &|e| e.alpha).max(0.01);
     estimates
         .iter()
-        .map(|e| Material {
-            rho_d: if known(&e) { e.rho_d } else { mean },
-            rho_s: if e.sigma_rho_s.is_finite() {
-                e.rho_s
+        .map(|e| {
+            let (rho_s, alpha) = if lobe_known(&e) {
+                (e.rho_s, e.alpha)
             } else {
-                Vec3::ZERO
-            },
-            alpha: e.alpha,
-            ndf: e.ndf,
+                (rho_s, alpha)
+            };
+            Material {
+                rho_d: if diffuse_known(&e) { e.rho_d } else { rho_d },
+                rho_s,
+                alpha,
+                ndf: e.ndf,
+            }
         })
         .collect()
 }

@@ -35,6 +35,7 @@ fn trace(observations: usize) -> Trace {
             frame: 0,
             radiance: Vec3::ONE,
             variance: Vec3::ONE,
+            position: Vec3::ZERO,
             wo,
             normal,
             geometric_normal: normal,

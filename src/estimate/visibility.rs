@@ -57,8 +57,8 @@ enum Cell {
 }
 
 impl Visibility {
-    /// Traces what is seen from `position` on a surface of normal `normal` (mesh frame). The number
-    /// of rays comes back too.
+    /// Traces what is seen from `position` on a surface of geometric normal `normal` (mesh frame).
+    /// The number of rays comes back too.
     pub(super) fn trace(mesh: &Mesh, accel: &Accel, position: Vec3, normal: Vec3) -> (Self, u64) {
         let origin = offset_origin(position, normal);
         let mut rays = 0;

@@ -346,6 +346,7 @@ impl Photograph {
             frame: frame as u32,
             radiance,
             variance: self.noise.variance(radiance),
+            position: footprint.position,
             wo: footprint.wo,
             normal: footprint.normal,
             geometric_normal: footprint.geometric_normal,

@@ -26,6 +26,8 @@ pub struct Observation {
     /// Variance of its noise, radiance squared, by channel; infinite where the channel is
     /// saturated and tells nothing.
     pub variance: Vec3,
+    /// Centre of the pixel's patch, mesh frame.
+    pub position: Vec3,
     /// To the camera, unit, object frame.
     pub wo: Vec3,
     /// Mean shading normal over the pixel's patch, unit, object frame.
@@ -52,6 +54,21 @@ impl Trace {
         self.observations
             .chunk_by(|a, b| a.frame == b.frame)
             .count() as u32
+    }
+
+    /// Where the point's surroundings are seen from: position and geometric normal of the observation in
+    /// the middle of all, or the point's own if there is none. A vertex may lie inside another part of
+    /// the object while the surface around it shows.
+    pub fn middle(&self) -> (Vec3, Vec3) {
+        let mean = self.observations.iter().map(|o| o.position).sum::<Vec3>()
+            / self.observations.len().max(1) as f32;
+        let distance = |o: &Observation| o.position.distance_squared(mean);
+        self.observations
+            .iter()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            .map_or((self.point.position, self.point.normal), |o| {
+                (o.position, o.geometric_normal)
+            })
     }
 
     /// Only the nearest observation of every frame.
