@@ -6,11 +6,13 @@
 //!
 //! (Domon et al., Eq. 1–2), isotropic, separable Smith masking, single scattering.
 
+mod appearance;
 mod dichromatic;
 mod fresnel;
 mod ndf;
 mod visible_slopes;
 
+pub use appearance::Appearance;
 pub use dichromatic::{BrdfSample, Dichromatic};
 pub use fresnel::{Fresnel, dielectric, schlick_weight};
 pub use ndf::{Alpha, AlphaError, Ndf};

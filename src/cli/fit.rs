@@ -127,25 +127,28 @@ pub(super) fn fit_capture(
     // Fit.
     let started = Instant::now();
     let points_bar = bar(common, "fitting", traces.traces.len());
-    let (estimates, fit_stats) = fit(&traces, &pyramid, &mesh, &accel, &settings, &|n| {
+    let neighbours = points.neighbours(&mesh);
+    let fitted = fit(&traces, &neighbours, &pyramid, &accel, &settings, &|n| {
         points_bar.inc(n as u64)
     });
+    let estimates = &fitted.estimates;
     points_bar.finish_and_clear();
     let fit_seconds = started.elapsed().as_secs_f64();
 
     // Write.
     let started = Instant::now();
-    let table = table(&mesh, &points.points, &estimates);
+    let table = table(&mesh, &points.points, estimates);
     let folder = FitFolder {
         capture,
         mesh: &mesh,
         table: &table,
+        appearance: &fitted.appearance,
         grid: points.grid.as_ref(),
         eta: settings.eta,
     };
     folder.write(out)?;
     let mut status = StatusCounts::default();
-    for estimate in &estimates {
+    for estimate in estimates {
         *match estimate.status {
             Status::Converged => &mut status.converged,
             Status::Unidentifiable => &mut status.unidentifiable,
@@ -181,7 +184,7 @@ pub(super) fn fit_capture(
         settings,
         timings,
         traces: trace_stats,
-        fit: fit_stats,
+        fit: fitted.stats,
         status,
     };
     let text = toml::to_string(&record).map_err(anyhow::Error::from)?;
@@ -244,5 +247,6 @@ fn table(mesh: &Mesh, points: &[SurfacePoint], estimates: &[Estimate]) -> PointT
         frames: integer(&|e| e.frames as i32),
         residual: number(&|e| e.residual),
         status: integer(&|e| e.status as i32),
+        borrowed: integer(&|e| i32::from(!e.lobe_is_known())),
     }
 }

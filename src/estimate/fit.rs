@@ -7,10 +7,11 @@ use serde::Serialize;
 use super::columns::{Columns, ForwardModel, Scratch};
 use super::gloss::Gloss;
 use super::interreflection::{self, Glow};
+use super::noise::NoiseModel;
 use super::visibility::Visibility;
-use super::{Estimate, Estimator, FitSettings, Status, full, gradient};
+use super::{Estimate, Estimator, FitSettings, Status, appearance, full, gradient, ndf_choice};
 use crate::accel::Accel;
-use crate::mesh::Mesh;
+use crate::brdf::Appearance;
 use crate::probe::LightPyramid;
 use crate::traces::{Trace, TraceSet};
 
@@ -23,26 +24,35 @@ pub struct FitStats {
     pub seen: u64,
     /// Points whose hemisphere is open: no occlusion, no interreflection.
     pub open: u64,
+    /// Points whose lobe the data do not determine; they are rendered with their neighbours'.
+    pub borrowed: u64,
     /// Rays traced for visibility.
     pub visibility_rays: u64,
     /// Observations for which traces were modelled, over all rounds.
     pub observations: u64,
 }
 
-/// Fits every point. Points are independent given the object's own light; results come in their
-/// order and do not depend on the number of threads. `on_points` hears how many points are done.
+/// What a fit found.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// `[N]` every point on its own.
+    pub estimates: Vec<Estimate>,
+    /// `[N]` parameters without gaps, to render with.
+    pub appearance: Vec<Appearance>,
+    /// Counts.
+    pub stats: FitStats,
+}
+
+/// Fits every point. Results come in the points' order and do not depend on the number of threads.
+/// `neighbours` are the points beside each; `on_points` hears how many points are done.
 pub fn fit(
     traces: &TraceSet,
+    neighbours: &[Vec<u32>],
     pyramid: &LightPyramid,
-    mesh: &Mesh,
     accel: &Accel,
     settings: &FitSettings,
     on_points: &(dyn Fn(usize) + Sync),
-) -> (Vec<Estimate>, FitStats) {
-    let mut stats = FitStats {
-        points: traces.traces.len() as u64,
-        ..FitStats::default()
-    };
+) -> Fit {
     let paper = settings.estimator == Estimator::Gradient;
     let model = ForwardModel {
         pyramid,
@@ -53,107 +63,203 @@ pub fn fit(
         window_cos: paper.then(|| settings.window.cos()),
         footprints: !paper,
     };
+    let stats = FitStats {
+        points: traces.traces.len() as u64,
+        seen: count(traces.traces.iter(), |t| !t.observations.is_empty()),
+        ..FitStats::default()
+    };
+    if paper {
+        fit_by_gradient(traces, neighbours, &model, settings, stats, on_points)
+    } else {
+        fit_in_full(
+            traces, neighbours, &model, accel, settings, stats, on_points,
+        )
+    }
+}
 
+fn count<T>(items: impl Iterator<Item = T>, is: impl Fn(&T) -> bool) -> u64 {
+    items.filter(is).count() as u64
+}
+
+fn observations<'a>(traces: impl Iterator<Item = &'a Trace>) -> u64 {
+    traces.map(|t| t.observations.len() as u64).sum()
+}
+
+/// Working memory of a thread.
+fn memory() -> (Scratch, Columns) {
+    (Scratch::default(), Columns::default())
+}
+
+/// The paper: one observation a frame, no self-shadowing.
+fn fit_by_gradient(
+    traces: &TraceSet,
+    neighbours: &[Vec<u32>],
+    model: &ForwardModel<'_>,
+    settings: &FitSettings,
+    mut stats: FitStats,
+    on_points: &(dyn Fn(usize) + Sync),
+) -> Fit {
+    let estimates: Vec<Estimate> = traces
+        .traces
+        .par_iter()
+        .map_init(memory, |(scratch, columns), trace| {
+            let nearest = trace.nearest();
+            model.columns(&nearest, &Visibility::Open, None, scratch, columns);
+            on_points(1);
+            gradient::estimate(&nearest, columns, settings)
+        })
+        .collect();
+    stats.observations = traces.traces.iter().map(|t| u64::from(t.frames())).sum();
+    let mut appearance = appearance::lobes(&estimates, neighbours);
+    let rho_d: Vec<Option<Vec3>> = estimates
+        .iter()
+        .map(|e| e.diffuse_is_known().then_some(e.rho_d))
+        .collect();
+    for (look, rho_d) in appearance
+        .iter_mut()
+        .zip(appearance::fill_diffuse(&rho_d, neighbours))
+    {
+        look.rho_d = rho_d;
+    }
+    Fit {
+        estimates,
+        appearance,
+        stats,
+    }
+}
+
+/// Variable projection with visibility, noise weights and the object's own light.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "what fit() is given, and what it made of it"
+)]
+fn fit_in_full(
+    traces: &TraceSet,
+    neighbours: &[Vec<u32>],
+    model: &ForwardModel<'_>,
+    accel: &Accel,
+    settings: &FitSettings,
+    mut stats: FitStats,
+    on_points: &(dyn Fn(usize) + Sync),
+) -> Fit {
     // What each point sees, for all frames at once. A point that is never seen still reflects
     // light onto others, but only if interreflection is asked for.
-    let rounds = if paper { 0 } else { settings.interreflections };
-    let needed = |trace: &Trace| !paper && (rounds > 0 || !trace.observations.is_empty());
+    let needed = |trace: &Trace| settings.interreflections > 0 || !trace.observations.is_empty();
     let (visibilities, rays): (Vec<Visibility>, Vec<u64>) = traces
         .traces
         .par_iter()
         .map(|trace| {
             if needed(trace) {
                 let (position, normal) = trace.middle();
-                Visibility::trace(mesh, accel, position, normal)
+                Visibility::trace(accel, &traces.surface, position, normal)
             } else {
                 (Visibility::Open, 0)
             }
         })
         .unzip();
     stats.visibility_rays = rays.iter().sum();
-    stats.seen = traces
-        .traces
-        .iter()
-        .filter(|t| !t.observations.is_empty())
-        .count() as u64;
-    stats.open = visibilities
-        .iter()
-        .filter(|v| matches!(v, Visibility::Open))
-        .count() as u64;
-    let any_blocked = visibilities.iter().any(|v| !v.blocked().is_empty());
+    stats.open = count(visibilities.iter(), |v| matches!(v, Visibility::Open));
+    let concave = |index: usize| !visibilities[index].blocked().is_empty();
+    let any_concave = (0..visibilities.len()).any(concave);
 
-    let fresh = || (Scratch::default(), Columns::default());
-    let fit_point =
-        |trace: &Trace, index: usize, glow: Option<&Glow<'_>>, memory: &mut (Scratch, Columns)| {
-            let (scratch, columns) = memory;
-            model.columns(trace, &visibilities[index], glow, scratch, columns);
-            match settings.estimator {
-                Estimator::Full => full::estimate(trace, columns, settings, traces.noise_is_known),
-                Estimator::Gradient => gradient::estimate(trace, columns, settings),
-            }
-        };
-
-    // The object's own light, from albedos by one observation a frame: its error is that of a few
-    // per cent of the light.
-    let (gloss, direct, normals);
-    let scene;
+    // A first fit by one observation a frame, in rounds: it measures the noise and predicts the
+    // object's own light, for which errors of some per cent do not matter.
+    let own_light = any_concave && settings.interreflections > 0;
+    let gloss = own_light.then(|| Gloss::new(model.pyramid, settings.eta));
+    let normals: Vec<Vec3> = traces.traces.iter().map(|t| t.point.normal).collect();
+    let direct = if own_light {
+        irradiance(model, traces, &visibilities)
+    } else {
+        Vec::new()
+    };
+    let scene = gloss.as_ref().map(|gloss| interreflection::Scene {
+        visibilities: &visibilities,
+        normals: &normals,
+        points_of_triangle: &traces.points_of_triangle,
+        world_from_object: &traces.world_from_object,
+        gloss,
+        irradiance: &direct,
+    });
+    let mut noise = NoiseModel::independent(traces.noise_is_known);
     let mut glow = None;
-    if any_blocked && rounds > 0 {
-        gloss = Gloss::new(pyramid, settings.eta);
-        direct = irradiance(&model, traces, &visibilities);
-        normals = traces
-            .traces
-            .iter()
-            .map(|t| t.point.normal)
-            .collect::<Vec<_>>();
-        scene = interreflection::Scene {
-            visibilities: &visibilities,
-            normals: &normals,
-            points_of_triangle: &traces.points_of_triangle,
-            world_from_object: &traces.world_from_object,
-            gloss: &gloss,
-            irradiance: &direct,
-        };
-        let nearest: Vec<Trace> = traces.traces.iter().map(Trace::nearest).collect();
-        let mut estimates = vec![Estimate::without_data(Status::Unseen, 0); nearest.len()];
-        for round in 0..rounds {
-            // Later rounds change only what sees the object.
-            let again = |index: usize| round == 0 || !visibilities[index].blocked().is_empty();
-            stats.observations += (0..nearest.len())
-                .filter(|&index| again(index))
-                .map(|index| nearest[index].observations.len() as u64)
-                .sum::<u64>();
-            estimates
-                .par_iter_mut()
-                .enumerate()
-                .filter(|(index, _)| again(*index))
-                .for_each_init(fresh, |memory, (index, estimate)| {
-                    *estimate = fit_point(&nearest[index], index, glow.as_ref(), memory);
-                });
-            glow = Some(Glow::new(&scene, &estimates, glow.as_ref()));
+    let nearest: Vec<Trace> = traces.traces.iter().map(Trace::nearest).collect();
+    let mut first = vec![(Estimate::without_data(Status::Unseen, 0), Vec::new()); nearest.len()];
+    let rounds = if own_light {
+        settings.interreflections
+    } else {
+        1
+    };
+    for round in 0..rounds {
+        // Later rounds change only what sees the object.
+        let again = |index: usize| round == 0 || concave(index);
+        let fitted = (0..nearest.len()).filter(|&index| again(index));
+        stats.observations += observations(fitted.map(|index| &nearest[index]));
+        first
+            .par_iter_mut()
+            .enumerate()
+            .filter(|(index, _)| again(*index))
+            .for_each_init(memory, |(scratch, columns), (index, first)| {
+                let trace = &nearest[index];
+                model.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
+                let candidates = full::estimate(trace, columns, settings, &noise);
+                let estimate = ndf_choice::choose(&candidates, 0.5).estimate;
+                *first = (estimate, full::residuals(trace, columns, &estimate));
+            });
+        if !traces.noise_is_known {
+            let residuals: Vec<Vec3> = first.iter().flat_map(|(_, r)| r).copied().collect();
+            noise = NoiseModel::of_residuals(&residuals);
+        }
+        if let Some(scene) = &scene {
+            let estimates: Vec<Estimate> = first.iter().map(|(estimate, _)| *estimate).collect();
+            glow = Some(Glow::new(scene, &estimates, glow.as_ref()));
         }
     }
 
     // All observations, once, in that light.
-    stats.observations += traces
-        .traces
-        .iter()
-        .map(|t| t.observations.len() as u64)
-        .sum::<u64>();
-    let estimates = traces
+    stats.observations += observations(traces.traces.iter());
+    let candidates: Vec<Vec<full::Candidate>> = traces
         .traces
         .par_iter()
-        .enumerate()
-        .map_init(fresh, |memory, (index, trace)| {
-            let estimate = match settings.estimator {
-                Estimator::Full => fit_point(trace, index, glow.as_ref(), memory),
-                Estimator::Gradient => fit_point(&trace.nearest(), index, None, memory),
-            };
+        .zip(&visibilities)
+        .map_init(memory, |(scratch, columns), (trace, visibility)| {
+            model.columns(trace, visibility, glow.as_ref(), scratch, columns);
             on_points(1);
-            estimate
+            full::estimate(trace, columns, settings, &noise)
         })
         .collect();
-    (estimates, stats)
+    let share_of_ggx = ndf_choice::share_of_ggx(&candidates);
+    let estimates: Vec<Estimate> = candidates
+        .iter()
+        .map(|candidates| ndf_choice::choose(candidates, share_of_ggx).estimate)
+        .collect();
+
+    // Points without a lobe of their own get another, and an albedo that goes with it.
+    let mut appearance = appearance::lobes(&estimates, neighbours);
+    stats.borrowed = count(estimates.iter(), |e| !e.lobe_is_known());
+    let rho_d: Vec<Option<Vec3>> = estimates
+        .par_iter()
+        .enumerate()
+        .map_init(memory, |(scratch, columns), (index, estimate)| {
+            if estimate.lobe_is_known() {
+                return Some(estimate.rho_d);
+            }
+            let (trace, look) = (&nearest[index], &appearance[index]);
+            model.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
+            let lobe = (look.ndf(), look.alpha, look.rho_s);
+            full::diffuse_beside(trace, columns, &noise, lobe)
+        })
+        .collect();
+    for (look, rho_d) in appearance
+        .iter_mut()
+        .zip(appearance::fill_diffuse(&rho_d, neighbours))
+    {
+        look.rho_d = rho_d;
+    }
+    Fit {
+        estimates,
+        appearance,
+        stats,
+    }
 }
 
 /// Irradiance over π from the light alone, `[frame · points + point]`.

@@ -1,9 +1,10 @@
 //! The default estimator: variable projection over alpha, both NDFs, and error bars.
 
-use glam::Vec3;
+use glam::{DMat3, DVec3, Vec3};
 
 use super::columns::{Columns, ROUGHNESSES, roughness};
-use super::separable::{Albedos, Gram, solve};
+use super::least_squares::{Normal, UNKNOWNS};
+use super::noise::{NU, NoiseModel, deviation};
 use super::{Estimate, FitSettings, SpecularColour, Status};
 use crate::brdf::Ndf;
 use crate::traces::Trace;
@@ -12,44 +13,122 @@ use crate::traces::Trace;
 /// 68 % interval then spans more than a factor of 2.7.
 const LARGEST_SIGMA_LN_ALPHA: f64 = 0.5;
 
-/// Fits one point, given its columns.
+/// Rounds of weights by the residuals' tails.
+const ROUNDS: usize = 4;
+
+/// What is known of a point's scale of residuals before it is fitted, as a number of channels'
+/// residuals of scale 1: it steadies points with few observations.
+const PRIOR_RESIDUALS: f64 = 6.0;
+
+/// The best estimate under one NDF.
+pub(super) struct Candidate {
+    pub(super) estimate: Estimate,
+    /// Logarithm of the residuals' likelihood, up to a constant that the NDFs share.
+    pub(super) ln_likelihood: f64,
+}
+
+/// Fits one point, given its columns: one candidate an NDF, or a single one without data.
 pub(super) fn estimate(
     trace: &Trace,
     columns: &Columns,
     settings: &FitSettings,
-    noise_is_known: bool,
-) -> Estimate {
-    let problem = Problem {
-        trace,
-        columns,
-        colour: settings.specular,
-    };
+    noise: &NoiseModel,
+) -> Vec<Candidate> {
     let frames = trace.frames();
+    let without = |status| {
+        vec![Candidate {
+            estimate: Estimate::without_data(status, frames),
+            ln_likelihood: 0.0,
+        }]
+    };
     if frames == 0 {
-        return Estimate::without_data(Status::Unseen, 0);
+        return without(Status::Unseen);
     }
+    let problem = Problem::new(trace, columns, settings.specular, noise);
     let samples = problem.samples();
     if samples == 0 {
-        return Estimate::without_data(Status::Saturated, frames);
+        return without(Status::Saturated);
     }
-    let unknowns = match settings.specular {
-        SpecularColour::Neutral => 5,
-        SpecularColour::Rgb => 7,
-    };
-    if samples < unknowns {
-        return Estimate::without_data(Status::TooFewSamples, frames);
+    if samples <= problem.unknowns() {
+        return without(Status::TooFewSamples);
     }
 
-    let candidates = Ndf::ALL
+    let minima: Vec<Minimum> = Ndf::ALL
         .into_iter()
-        .filter(|&ndf| settings.ndf.is_none_or(|n| n == ndf));
-    let minimum = candidates
+        .filter(|&ndf| settings.ndf.is_none_or(|n| n == ndf))
         .map(|ndf| problem.minimise(ndf))
-        .min_by(|a, b| a.albedos.objective.total_cmp(&b.albedos.objective));
-    match minimum {
-        Some(minimum) => problem.conclude(&minimum, samples - unknowns, noise_is_known),
-        None => Estimate::without_data(Status::TooFewSamples, frames),
+        .collect();
+    let scale = minima.iter().map(|m| m.scale).fold(f64::INFINITY, f64::min);
+    minima
+        .iter()
+        .map(|minimum| Candidate {
+            estimate: problem.conclude(minimum),
+            ln_likelihood: problem.ln_likelihood(minimum, scale),
+        })
+        .collect()
+}
+
+/// Residuals of an estimate in assumed standard deviations, of observations with all channels.
+///
+/// They are stretched by what the parameters take up of them.
+pub(super) fn residuals(trace: &Trace, columns: &Columns, estimate: &Estimate) -> Vec<Vec3> {
+    let observations = trace.observations.len();
+    let unknowns = 5.0;
+    let samples = 3.0 * observations as f32;
+    if !estimate.sigma_rho_d.is_finite() || samples < 3.0 * unknowns {
+        return Vec::new();
     }
+    let stretch = (samples / (samples - unknowns)).sqrt();
+    let mut residuals = Vec::with_capacity(observations);
+    columns.specular(
+        estimate.ndf as usize,
+        estimate.alpha.ln(),
+        |i, specular, _| {
+            let observation = &trace.observations[i];
+            let predicted = estimate.rho_d * columns.diffuse[i] + estimate.rho_s * specular;
+            let residual = (observation.radiance - predicted) / deviation(observation) * stretch;
+            if observation.variance.is_finite() && residual.is_finite() {
+                residuals.push(residual);
+            }
+        },
+    );
+    residuals
+}
+
+/// The diffuse albedo beside a lobe that is given, or none without data.
+pub(super) fn diffuse_beside(
+    trace: &Trace,
+    columns: &Columns,
+    noise: &NoiseModel,
+    (ndf, alpha, rho_s): (Ndf, f32, Vec3),
+) -> Option<Vec3> {
+    let problem = Problem::new(trace, columns, SpecularColour::Neutral, noise);
+    let mut weights = vec![1.0; problem.precisions.len()];
+    let mut rho_d = DVec3::ZERO;
+    for _ in 0..ROUNDS {
+        let mut normal = Normal {
+            size: 3,
+            ..Normal::default()
+        };
+        problem
+            .columns
+            .specular(ndf as usize, alpha.ln(), |i, specular, _| {
+                let rest = problem.observed(i) - (rho_s * specular).as_dvec3();
+                normal.add_diffuse(
+                    &(problem.precisions[i].0 * weights[i]),
+                    problem.diffuse(i),
+                    rest,
+                );
+            });
+        if normal.yy == 0.0 {
+            return None;
+        }
+        let (x, _) = normal.solve();
+        rho_d = DVec3::new(x[0], x[1], x[2]);
+        let squares = problem.squares(ndf, alpha.ln(), rho_d, rho_s.as_dvec3());
+        (weights, _) = problem.reweigh(&squares, &weights, 3);
+    }
+    Some(rho_d.as_vec3())
 }
 
 /// A point's data and model.
@@ -57,95 +136,181 @@ struct Problem<'a> {
     trace: &'a Trace,
     columns: &'a Columns,
     colour: SpecularColour,
+    noise: &'a NoiseModel,
+    /// `[observations]` inverse covariance and number of usable channels.
+    precisions: Vec<(DMat3, u32)>,
 }
 
 /// The best parameters under one NDF.
 struct Minimum {
     ndf: Ndf,
     ln_alpha: f32,
-    albedos: Albedos,
+    rho_d: DVec3,
+    rho_s: DVec3,
+    /// `[observations]` weights by the residuals' tails.
+    weights: Vec<f64>,
+    /// `[observations]` squared distances of the residuals.
+    squares: Vec<f64>,
+    /// Scale of the squared distances.
+    scale: f64,
 }
 
-impl Problem<'_> {
-    /// Inverse variance; 0 for a sample that tells nothing.
-    fn weight(&self, i: usize, channel: usize) -> f64 {
-        let variance = f64::from(self.trace.observations[i].variance[channel]);
-        if variance.is_finite() && variance > 0.0 {
-            1.0 / variance
-        } else {
-            0.0
+impl<'a> Problem<'a> {
+    fn new(
+        trace: &'a Trace,
+        columns: &'a Columns,
+        colour: SpecularColour,
+        noise: &'a NoiseModel,
+    ) -> Self {
+        let observations = trace.observations.iter();
+        Self {
+            trace,
+            columns,
+            colour,
+            noise,
+            precisions: observations.map(|o| noise.precision(o)).collect(),
         }
     }
 
-    fn samples(&self) -> usize {
-        let pairs = (0..self.trace.observations.len()).flat_map(|i| (0..3).map(move |c| (i, c)));
-        pairs.filter(|&(i, c)| self.weight(i, c) > 0.0).count()
+    fn observed(&self, i: usize) -> DVec3 {
+        self.trace.observations[i].radiance.as_dvec3()
     }
 
-    /// The albedos at one roughness.
-    fn project(&self, ndf: Ndf, ln_alpha: f32) -> Albedos {
-        let mut grams = [Gram::default(); 3];
+    fn diffuse(&self, i: usize) -> DVec3 {
+        self.columns.diffuse[i].as_dvec3()
+    }
+
+    /// Usable channels of all observations.
+    fn samples(&self) -> usize {
+        self.precisions.iter().map(|(_, k)| *k as usize).sum()
+    }
+
+    /// Albedos and alpha.
+    fn unknowns(&self) -> usize {
+        self.albedos() + 1
+    }
+
+    fn albedos(&self) -> usize {
+        match self.colour {
+            SpecularColour::Neutral => 4,
+            SpecularColour::Rgb => 6,
+        }
+    }
+
+    /// The normal equations' part that no lobe enters.
+    fn fixed(&self, weights: &[f64]) -> Normal {
+        let mut normal = Normal {
+            size: self.albedos(),
+            ..Normal::default()
+        };
+        for (i, ((p, _), w)) in self.precisions.iter().zip(weights).enumerate() {
+            normal.add_diffuse(&(*p * *w), self.diffuse(i), self.observed(i));
+        }
+        normal
+    }
+
+    /// The albedos at one roughness, and their weighted squared residual.
+    fn project(
+        &self,
+        ndf: Ndf,
+        ln_alpha: f32,
+        fixed: &Normal,
+        weights: &[f64],
+    ) -> ([f64; UNKNOWNS], f64) {
+        let mut normal = *fixed;
         self.columns
             .specular(ndf as usize, ln_alpha, |i, specular, _| {
-                let observed = self.trace.observations[i].radiance;
-                let diffuse = self.columns.diffuse[i];
-                for (c, gram) in grams.iter_mut().enumerate() {
-                    gram.add(
-                        self.weight(i, c),
-                        f64::from(diffuse[c]),
-                        f64::from(specular[c]),
-                        f64::from(observed[c]),
-                    );
+                let p = self.precisions[i].0 * weights[i];
+                let (diffuse, specular, observed) =
+                    (self.diffuse(i), specular.as_dvec3(), self.observed(i));
+                match self.colour {
+                    SpecularColour::Neutral => normal.add_neutral(&p, diffuse, specular, observed),
+                    SpecularColour::Rgb => normal.add_coloured(&p, diffuse, specular, observed),
                 }
             });
-        solve(&grams, self.colour)
+        normal.solve()
     }
 
-    /// The smallest residual over alpha: the best of the grid, then golden sections about it, on
-    /// `ln alpha`. The grid is finer than the objective's own scale, so no minimum hides in it.
+    /// The smallest residual over alpha under one NDF, weights and scale in step with it.
     fn minimise(&self, ndf: Ndf) -> Minimum {
-        let value = |ln_alpha: f32| self.project(ndf, ln_alpha).objective;
-        let grid: Vec<f64> = (0..ROUGHNESSES).map(|k| value(roughness(k).ln())).collect();
-        let best = (0..ROUGHNESSES)
-            .min_by(|&a, &b| grid[a].total_cmp(&grid[b]))
-            .unwrap_or(0);
-        let low = roughness(best.saturating_sub(1)).ln();
-        let high = roughness((best + 1).min(ROUGHNESSES - 1)).ln();
-        let ln_alpha = golden_section(low, high, value);
-        Minimum {
-            ndf,
-            ln_alpha,
-            albedos: self.project(ndf, ln_alpha),
+        let mut weights = vec![1.0; self.precisions.len()];
+        for round in 0.. {
+            let fixed = self.fixed(&weights);
+            let value = |ln_alpha: f32| self.project(ndf, ln_alpha, &fixed, &weights).1;
+            let ln_alpha = minimise_over_alpha(value);
+            let (x, _) = self.project(ndf, ln_alpha, &fixed, &weights);
+            let rho_d = DVec3::new(x[0], x[1], x[2]);
+            let rho_s = match self.colour {
+                SpecularColour::Neutral => DVec3::splat(x[3]),
+                SpecularColour::Rgb => DVec3::new(x[3], x[4], x[5]),
+            };
+            let squares = self.squares(ndf, ln_alpha, rho_d, rho_s);
+            let (next, scale) = self.reweigh(&squares, &weights, self.unknowns());
+            if round == ROUNDS {
+                return Minimum {
+                    ndf,
+                    ln_alpha,
+                    rho_d,
+                    rho_s,
+                    weights,
+                    squares,
+                    scale,
+                };
+            }
+            weights = next;
         }
+        unreachable!("the loop ends by its count")
+    }
+
+    /// `[observations]` squared distances `rᵀ P r` of the residuals.
+    fn squares(&self, ndf: Ndf, ln_alpha: f32, rho_d: DVec3, rho_s: DVec3) -> Vec<f64> {
+        let mut squares = Vec::with_capacity(self.precisions.len());
+        self.columns
+            .specular(ndf as usize, ln_alpha, |i, specular, _| {
+                let r = self.observed(i) - rho_d * self.diffuse(i) - rho_s * specular.as_dvec3();
+                squares.push(r.dot(self.precisions[i].0 * r));
+            });
+        squares
+    }
+
+    /// Student's weights of squared distances, and their scale, found in turns from the last weights.
+    fn reweigh(&self, squares: &[f64], weights: &[f64], unknowns: usize) -> (Vec<f64>, f64) {
+        let samples = self.samples() as f64;
+        let mut weights = weights.to_vec();
+        let mut scale = 1.0;
+        for _ in 0..3 {
+            let sum: f64 = squares.iter().zip(&weights).map(|(q, w)| q * w).sum();
+            // The smallest positive scale keeps exact data finite.
+            let freedom = samples - (unknowns as f64).min(samples - 1.0) + PRIOR_RESIDUALS;
+            scale = ((sum + PRIOR_RESIDUALS) / freedom).max(1e-12);
+            if self.noise.is_known {
+                scale = scale.max(1.0);
+            }
+            for ((w, q), (_, k)) in weights.iter_mut().zip(squares).zip(&self.precisions) {
+                *w = (NU + f64::from(*k)) / (NU + q / scale);
+            }
+        }
+        (weights, scale)
+    }
+
+    /// Of Student's t at a scale that the NDFs share.
+    fn ln_likelihood(&self, minimum: &Minimum, scale: f64) -> f64 {
+        let terms = minimum.squares.iter().zip(&self.precisions);
+        terms
+            .map(|(q, (_, k))| -0.5 * (NU + f64::from(*k)) * (q / (NU * scale)).ln_1p())
+            .sum()
     }
 
     /// Error bars and verdict.
-    fn conclude(&self, minimum: &Minimum, freedom: usize, noise_is_known: bool) -> Estimate {
-        let Minimum {
-            ndf,
-            ln_alpha,
-            albedos,
-        } = minimum;
-        let to_vec = |v: [f64; 3]| Vec3::new(v[0] as f32, v[1] as f32, v[2] as f32);
+    fn conclude(&self, minimum: &Minimum) -> Estimate {
+        // Student's information is (ν + k)/(ν + k + 2) of the normal's; the weights have mean 1.
+        let spread = minimum.scale * (NU + 5.0) / (NU + 3.0);
         let covariance = self.covariance(minimum);
+        let sigma = covariance.map(|variance| (variance * spread).sqrt() as f32);
 
-        // Where the noise is known, residuals above it (a model that does not hold) widen the bars,
-        // none below narrow them. Where it is not, the residuals give it; and the channels are taken
-        // as one: a path tracer's noise is correlated 0.93 to 0.98 between them (measured in Mitsuba),
-        // so an observation is one sample, not three, of three unknowns (diffuse, specular, alpha).
-        let factor = if noise_is_known {
-            (albedos.objective / freedom.max(1) as f64).max(1.0)
-        } else {
-            match self.trace.observations.len() {
-                0..=3 => f64::INFINITY,
-                observations => albedos.objective / (observations - 3) as f64,
-            }
-        };
-        let sigma = covariance.map(|variance| (variance * factor).sqrt() as f32);
-
-        let alpha = ln_alpha.exp();
+        let alpha = minimum.ln_alpha.exp();
         let (low, high) = Columns::ln_range();
-        let at_bound = ln_alpha - low < 1e-3 || high - ln_alpha < 1e-3;
+        let at_bound = minimum.ln_alpha - low < 1e-3 || high - minimum.ln_alpha < 1e-3;
         let sigma_ln_alpha = f64::from(sigma[6]);
         let status = if !sigma_ln_alpha.is_finite() || sigma_ln_alpha > LARGEST_SIGMA_LN_ALPHA {
             Status::Unidentifiable
@@ -155,10 +320,10 @@ impl Problem<'_> {
             Status::Converged
         };
         Estimate {
-            rho_d: to_vec(albedos.rho_d),
-            rho_s: to_vec(albedos.rho_s),
+            rho_d: minimum.rho_d.as_vec3(),
+            rho_s: minimum.rho_s.as_vec3(),
             alpha,
-            ndf: *ndf,
+            ndf: minimum.ndf,
             sigma_rho_d: Vec3::new(sigma[0], sigma[1], sigma[2]),
             sigma_rho_s: sigma[3].max(sigma[4]).max(sigma[5]),
             sigma_alpha: alpha * sigma[6],
@@ -169,28 +334,33 @@ impl Problem<'_> {
     }
 
     /// Variances of (rho_d RGB, rho_s RGB, ln alpha): the diagonal of the inverse Fisher
-    /// information `Jᵀ W J` for unit noise; infinite where the data say nothing. A specular albedo
-    /// of zero leaves alpha undetermined.
+    /// information `Jᵀ W J` at unit scale; infinite where the data say nothing. A specular albedo of
+    /// zero leaves alpha undetermined.
     fn covariance(&self, minimum: &Minimum) -> [f64; 7] {
         let neutral = self.colour == SpecularColour::Neutral;
-        let rho_s = minimum.albedos.rho_s;
         // Columns: rho_d (3), rho_s (1 or 3), ln alpha.
-        let size = if neutral { 5 } else { 7 };
+        let size = self.unknowns();
         let mut information = vec![vec![0.0; size]; size];
         self.columns.specular(
             minimum.ndf as usize,
             minimum.ln_alpha,
             |i, specular, slope| {
-                for c in 0..3 {
-                    let mut row = [0.0; 7];
-                    row[c] = f64::from(self.columns.diffuse[i][c]);
-                    row[if neutral { 3 } else { 3 + c }] = f64::from(specular[c]);
-                    row[size - 1] = rho_s[c] * f64::from(slope[c]);
-                    let w = self.weight(i, c);
-                    for a in 0..size {
-                        for b in 0..size {
-                            information[a][b] += w * row[a] * row[b];
-                        }
+                let (diffuse, specular) = (self.diffuse(i), specular.as_dvec3());
+                let mut jacobian = [DVec3::ZERO; 7];
+                for (c, axis) in DVec3::AXES.into_iter().enumerate() {
+                    jacobian[c] = axis * diffuse[c];
+                    if neutral {
+                        jacobian[3][c] = specular[c];
+                    } else {
+                        jacobian[3 + c] = axis * specular[c];
+                    }
+                }
+                jacobian[size - 1] = minimum.rho_s * slope.as_dvec3();
+                let p = self.precisions[i].0 * minimum.weights[i];
+                for a in 0..size {
+                    let weighted = p * jacobian[a];
+                    for b in 0..size {
+                        information[a][b] += weighted.dot(jacobian[b]);
                     }
                 }
             },
@@ -205,18 +375,18 @@ impl Problem<'_> {
         full
     }
 
+    /// Root-mean-square residual over the root-mean-square observation, channels in use.
     fn relative_residual(&self, minimum: &Minimum) -> f32 {
         let (mut squares, mut total) = (0.0, 0.0);
         self.columns
             .specular(minimum.ndf as usize, minimum.ln_alpha, |i, specular, _| {
-                let observation = &self.trace.observations[i];
+                let observed = self.observed(i);
+                let predicted =
+                    minimum.rho_d * self.diffuse(i) + minimum.rho_s * specular.as_dvec3();
                 for c in 0..3 {
-                    if self.weight(i, c) > 0.0 {
-                        let predicted = minimum.albedos.rho_d[c]
-                            * f64::from(self.columns.diffuse[i][c])
-                            + minimum.albedos.rho_s[c] * f64::from(specular[c]);
-                        squares += (f64::from(observation.radiance[c]) - predicted).powi(2);
-                        total += f64::from(observation.radiance[c]).powi(2);
+                    if self.precisions[i].0.col(c)[c] > 0.0 {
+                        squares += (observed[c] - predicted[c]).powi(2);
+                        total += observed[c].powi(2);
                     }
                 }
             });
@@ -228,8 +398,20 @@ impl Problem<'_> {
     }
 }
 
+/// The `ln alpha` of the smallest value: the best of the grid, then golden sections about it. The
+/// grid is finer than an objective's own scale, so no minimum hides in it.
+pub(super) fn minimise_over_alpha(value: impl Fn(f32) -> f64) -> f32 {
+    let grid: Vec<f64> = (0..ROUGHNESSES).map(|k| value(roughness(k).ln())).collect();
+    let best = (0..ROUGHNESSES)
+        .min_by(|&a, &b| grid[a].total_cmp(&grid[b]))
+        .unwrap_or(0);
+    let low = roughness(best.saturating_sub(1)).ln();
+    let high = roughness((best + 1).min(ROUGHNESSES - 1)).ln();
+    golden_section(low, high, value)
+}
+
 /// The place of the smallest value in a bracket, to 1e-4, by golden sections. The ends count.
-pub(super) fn golden_section(mut low: f32, mut high: f32, value: impl Fn(f32) -> f64) -> f32 {
+fn golden_section(mut low: f32, mut high: f32, value: impl Fn(f32) -> f64) -> f32 {
     const RATIO: f32 = 0.618_034;
     let ends = [(low, value(low)), (high, value(high))];
     let (mut a, mut b) = (high - RATIO * (high - low), low + RATIO * (high - low));

@@ -9,12 +9,12 @@
 //! frames in which the point is seen; the residual is summed over R, G and B with one scale for
 //! all, as its specular albedo is neutral.
 
-use glam::Vec3;
+use glam::{DMat3, DVec3, Vec3};
 
-use super::columns::{Columns, ROUGHNESSES, roughness};
-use super::full::golden_section;
-use super::separable::{Gram, solve};
-use super::{Estimate, FitSettings, SpecularColour, Status};
+use super::columns::Columns;
+use super::full::minimise_over_alpha;
+use super::least_squares::Normal;
+use super::{Estimate, FitSettings, Status};
 use crate::brdf::Ndf;
 use crate::traces::Trace;
 
@@ -55,15 +55,7 @@ pub(super) fn estimate(trace: &Trace, columns: &Columns, settings: &FitSettings)
         .filter(|&ndf| settings.ndf.is_none_or(|n| n == ndf));
     let best = candidates
         .map(|ndf| {
-            let grid: Vec<f64> = (0..ROUGHNESSES)
-                .map(|k| residual(ndf, roughness(k).ln()))
-                .collect();
-            let k = (0..ROUGHNESSES)
-                .min_by(|&a, &b| grid[a].total_cmp(&grid[b]))
-                .unwrap_or(0);
-            let low = roughness(k.saturating_sub(1)).ln();
-            let high = roughness((k + 1).min(ROUGHNESSES - 1)).ln();
-            let ln_alpha = golden_section(low, high, |x| residual(ndf, x));
+            let ln_alpha = minimise_over_alpha(|x| residual(ndf, x));
             (ndf, ln_alpha, residual(ndf, ln_alpha))
         })
         .min_by(|a, b| a.2.total_cmp(&b.2));
@@ -72,29 +64,26 @@ pub(super) fn estimate(trace: &Trace, columns: &Columns, settings: &FitSettings)
     };
 
     // Step 2: albedos by unweighted NNLS.
-    let mut grams = [Gram::default(); 3];
+    let mut normal = Normal {
+        size: 4,
+        ..Normal::default()
+    };
     columns.specular(ndf as usize, ln_alpha, |i, specular, _| {
-        for (c, gram) in grams.iter_mut().enumerate() {
-            gram.add(
-                1.0,
-                f64::from(columns.diffuse[i][c]),
-                f64::from(specular[c]),
-                f64::from(trace.observations[i].radiance[c]),
-            );
-        }
+        let observed = trace.observations[i].radiance.as_dvec3();
+        let (diffuse, specular) = (columns.diffuse[i].as_dvec3(), specular.as_dvec3());
+        normal.add_diffuse(&DMat3::IDENTITY, diffuse, observed);
+        normal.add_neutral(&DMat3::IDENTITY, diffuse, specular, observed);
     });
-    let albedos = solve(&grams, SpecularColour::Neutral);
-    let total: f64 = grams.iter().map(|g| g.tt).sum();
-    let to_vec = |v: [f64; 3]| Vec3::new(v[0] as f32, v[1] as f32, v[2] as f32);
+    let (x, objective) = normal.solve();
     let (low, high) = Columns::ln_range();
     let at_bound = ln_alpha - low < 1e-3 || high - ln_alpha < 1e-3;
     Estimate {
-        rho_d: to_vec(albedos.rho_d),
-        rho_s: to_vec(albedos.rho_s),
+        rho_d: DVec3::new(x[0], x[1], x[2]).as_vec3(),
+        rho_s: Vec3::splat(x[3] as f32),
         alpha: ln_alpha.exp(),
         ndf,
-        residual: if total > 0.0 {
-            (albedos.objective / total).sqrt() as f32
+        residual: if normal.yy > 0.0 {
+            (objective / normal.yy).sqrt() as f32
         } else {
             0.0
         },

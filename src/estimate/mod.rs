@@ -11,21 +11,24 @@
 //! Given alpha and NDF the albedos are a tiny non-negative least-squares problem (variable
 //! projection, Golub and Pereyra 1973); what is left is a search over one number.
 
+mod appearance;
 mod columns;
 mod fit;
 mod full;
 mod gloss;
 mod gradient;
 mod interreflection;
+mod least_squares;
 mod light_cut;
 mod lobe_sums;
-mod separable;
+mod ndf_choice;
+mod noise;
 mod visibility;
 
 #[cfg(test)]
 mod laws;
 
-pub use fit::{FitStats, fit};
+pub use fit::{Fit, FitStats, fit};
 
 use glam::Vec3;
 use serde::Serialize;

@@ -10,7 +10,7 @@ use crate::accel::Accel;
 use crate::geometry::{
     Ray, direction_from_octahedral, octahedral_from_direction, octahedral_neighbour, offset_origin,
 };
-use crate::mesh::Mesh;
+use crate::traces::SurfaceNormals;
 
 /// Cells across the grid that is traced whole: 5.6° apart, about 500 rays a hemisphere.
 const COARSE: usize = 32;
@@ -59,7 +59,12 @@ enum Cell {
 impl Visibility {
     /// Traces what is seen from `position` on a surface of geometric normal `normal` (mesh frame).
     /// The number of rays comes back too.
-    pub(super) fn trace(mesh: &Mesh, accel: &Accel, position: Vec3, normal: Vec3) -> (Self, u64) {
+    pub(super) fn trace(
+        accel: &Accel,
+        surface: &SurfaceNormals,
+        position: Vec3,
+        normal: Vec3,
+    ) -> (Self, u64) {
         let origin = offset_origin(position, normal);
         let mut rays = 0;
         let mut patches: Vec<Option<(u32, Vec2)>> = vec![None; COARSE * COARSE];
@@ -120,7 +125,7 @@ impl Visibility {
             .filter_map(|(i, patch)| {
                 let (triangle, barycentric) = (*patch)?;
                 let direction = centre(COARSE, i % COARSE, i / COARSE);
-                if direction.dot(mesh.geometric_normal(triangle)) >= 0.0 {
+                if direction.dot(surface.geometric[triangle as usize]) >= 0.0 {
                     return None;
                 }
                 let share = 1.0 - f32::from(open[2][i]) / 255.0;
@@ -130,7 +135,7 @@ impl Visibility {
                     solid_angle,
                     triangle,
                     barycentric,
-                    normal: mesh.normal_at(triangle, barycentric),
+                    normal: surface.shading(triangle, barycentric),
                 })
             })
             .collect();
@@ -218,7 +223,7 @@ mod tests {
     use std::f32::consts::PI;
 
     /// A wall z ∈ [−50, 50], y ∈ [0, h] at x = 1, seen from the ground at the origin.
-    fn wall(height: f32) -> Accel {
+    fn wall(height: f32) -> (Accel, SurfaceNormals) {
         let w = 50.0;
         let positions = [
             Vec3::new(1.0, 0.0, -w),
@@ -226,7 +231,11 @@ mod tests {
             Vec3::new(1.0, height, w),
             Vec3::new(1.0, height, -w),
         ];
-        Accel::build(&positions, &[[0, 1, 2], [0, 2, 3]])
+        let surface = SurfaceNormals {
+            geometric: vec![Vec3::NEG_X; 2],
+            corners: vec![[Vec3::NEG_X; 3]; 2],
+        };
+        (Accel::build(&positions, &[[0, 1, 2], [0, 2, 3]]), surface)
     }
 
     #[test]
@@ -241,7 +250,7 @@ mod tests {
     fn an_empty_scene_is_open() {
         let accel = Accel::build(&[], &[]);
         assert!(matches!(
-            Visibility::trace(&accel, Vec3::ZERO, Vec3::Y).0,
+            Visibility::trace(&accel, &SurfaceNormals::default(), Vec3::ZERO, Vec3::Y).0,
             Visibility::Open
         ));
     }
@@ -251,7 +260,8 @@ mod tests {
         // Form factor of an infinite wall from a differential area at its foot: the blocked share
         // of the cosine-weighted hemisphere is (1 − cos φ)/2 with φ the wall's elevation.
         for height in [0.5f32, 1.0, 3.0] {
-            let (visibility, _) = Visibility::trace(&wall(height), Vec3::ZERO, Vec3::Y);
+            let (accel, surface) = wall(height);
+            let (visibility, _) = Visibility::trace(&accel, &surface, Vec3::ZERO, Vec3::Y);
             let elevation = height.atan();
             let expected = 0.5 * (1.0 - elevation.cos());
             let n = 400;
@@ -273,7 +283,8 @@ mod tests {
 
     #[test]
     fn blocked_patches_add_up_to_what_is_not_open() {
-        let (visibility, _) = Visibility::trace(&wall(1.0), Vec3::ZERO, Vec3::Y);
+        let (accel, surface) = wall(1.0);
+        let (visibility, _) = Visibility::trace(&accel, &surface, Vec3::ZERO, Vec3::Y);
         let patches: f32 = visibility
             .blocked()
             .iter()

@@ -36,6 +36,8 @@ pub struct PointTable {
     pub residual: Vec<f32>,
     /// `[N]` how the fit of the point ended, as a code.
     pub status: Vec<i32>,
+    /// `[N]` 1 where the lobe is not known and the point is rendered with its neighbours'.
+    pub borrowed: Vec<i32>,
 }
 
 impl PointTable {
@@ -47,27 +49,6 @@ impl PointTable {
     /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.position.is_empty()
-    }
-
-    /// Whether a point's own lobe is worth more than its neighbours': alpha known to 25 % and rho_s to
-    /// 50 %, one standard deviation. Beyond, the product of the two fits the frames that were seen, and
-    /// either may be wrong by orders of magnitude in another light. An estimator without error bars is
-    /// taken at its word.
-    pub fn lobe_is_known(&self, i: usize) -> bool {
-        let strongest = self.rho_s[i].into_iter().fold(0.0, f32::max);
-        let (sigma_alpha, sigma_rho_s) = (self.sigma_alpha[i], self.sigma_rho_s[i]);
-        let without_bars = sigma_alpha.is_infinite() && sigma_rho_s.is_infinite();
-        let precise = sigma_alpha < 0.25 * self.alpha[i] && sigma_rho_s < 0.5 * strongest;
-        self.status[i] == 0 && (without_bars || precise)
-    }
-
-    /// Whether a point's own diffuse albedo is worth more than its neighbours': every channel known
-    /// to 25 % or to 0.02, one standard deviation.
-    pub fn diffuse_is_known(&self, i: usize) -> bool {
-        let without_bars = self.sigma_rho_d[i].iter().all(|sigma| sigma.is_infinite());
-        let precise = (self.rho_d[i].iter().zip(self.sigma_rho_d[i]))
-            .all(|(rho_d, sigma)| sigma < (0.25 * rho_d).max(0.02));
-        matches!(self.status[i], 0..=2) && (without_bars || precise)
     }
 
     /// Writes `points.npz`: uncompressed, C order, little endian; equal tables give equal bytes.
@@ -92,6 +73,7 @@ impl PointTable {
             arrays.integers("frames", &self.frames)?;
             arrays.floats("residual", &self.residual)?;
             arrays.integers("status", &self.status)?;
+            arrays.integers("borrowed", &self.borrowed)?;
             arrays.finish()
         })
     }
@@ -117,6 +99,7 @@ impl PointTable {
             frames: arrays.column("frames")?,
             residual: arrays.column("residual")?,
             status: arrays.column("status")?,
+            borrowed: arrays.column("borrowed")?,
         };
         table.check_lengths(path)?;
         Ok(table)
@@ -138,6 +121,7 @@ impl PointTable {
             ("frames", self.frames.len()),
             ("residual", self.residual.len()),
             ("status", self.status.len()),
+            ("borrowed", self.borrowed.len()),
         ];
         lengths
             .iter()
@@ -178,6 +162,7 @@ mod tests {
             frames: codes(72),
             residual,
             status: codes(5),
+            borrowed: codes(1),
         }
     }
 

@@ -55,6 +55,18 @@ impl PointSet {
         })
     }
 
+    /// `[N]` the points beside each: over the mesh's edges, or the texels' sides.
+    pub fn neighbours(&self, mesh: &Mesh) -> Vec<Vec<u32>> {
+        match &self.grid {
+            None => {
+                let neighbours = neighbours(mesh);
+                let vertices = 0..self.points.len() as u32;
+                vertices.map(|v| neighbours.of(v).to_vec()).collect()
+            }
+            Some(grid) => (0..grid.texels.len()).map(|i| grid.beside(i)).collect(),
+        }
+    }
+
     /// The point that stands for a place on the surface: the nearest corner of its triangle, or the
     /// texel it lies in, if that is one of the points.
     pub fn nearest(&self, mesh: &Mesh, triangle: u32, barycentric: Vec2) -> Option<u32> {

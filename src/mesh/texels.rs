@@ -150,6 +150,19 @@ impl TexelGrid {
         self.texels.binary_search(&texel).ok().map(|i| i as u32)
     }
 
+    /// The points of the texels that share a side with point `i`'s.
+    pub(super) fn beside(&self, i: usize) -> Vec<u32> {
+        let side = i64::from(self.resolution);
+        let texel = i64::from(self.texels[i]);
+        let (x, y) = (texel % side, texel / side);
+        [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)]
+            .into_iter()
+            .filter(|(x, y)| (0..side).contains(x) && (0..side).contains(y))
+            .filter_map(|(x, y)| self.texels.binary_search(&((y * side + x) as u32)).ok())
+            .map(|point| point as u32)
+            .collect()
+    }
+
     /// A map `[resolution][resolution]` of the points' values, with its seams padded: texels up to
     /// `padding` away from a chart get a mean of its rim; the others get `background`.
     ///

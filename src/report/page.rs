@@ -105,9 +105,7 @@ fn observed(observation: &Result<Observation, ReportError>) -> io::Result<Markup
 
 /// Points whose lobe is not their own in a reproduction.
 fn filled_count(table: &PointTable) -> usize {
-    (0..table.len())
-        .filter(|&i| !table.lobe_is_known(i))
-        .count()
+    table.borrowed.iter().filter(|&&b| b != 0).count()
 }
 
 fn comparison(errors: &SequenceErrors) -> Markup {

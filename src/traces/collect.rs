@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::footprint::Footprint;
-use super::{Observation, Trace, TraceSet};
+use super::{Observation, SurfaceNormals, Trace, TraceSet};
 use crate::accel::Accel;
 use crate::image::{ImageError, Mask, RgbImage};
 use crate::mesh::{Mesh, PointSet};
@@ -165,6 +165,7 @@ pub fn collect(
             traces,
             world_from_object,
             points_of_triangle: points.of_triangle.clone(),
+            surface: SurfaceNormals::of_mesh(mesh),
             noise_is_known,
         },
         stats,

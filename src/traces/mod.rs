@@ -9,9 +9,9 @@ mod footprint;
 
 pub use collect::{CollectSettings, TraceError, TraceStats, collect};
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
-use crate::mesh::SurfacePoint;
+use crate::mesh::{Mesh, SurfacePoint};
 
 /// One observation of a surface point.
 ///
@@ -81,6 +81,41 @@ impl Trace {
     }
 }
 
+/// Normals of a mesh, by triangle: what the object looks like to its own points.
+#[derive(Clone, Debug, Default)]
+pub struct SurfaceNormals {
+    /// `[triangles]` unit, on the side from which the triangle is counter-clockwise.
+    pub geometric: Vec<Vec3>,
+    /// `[triangles]` shading normals at the corners, unit.
+    pub corners: Vec<[Vec3; 3]>,
+}
+
+impl SurfaceNormals {
+    /// Those of a mesh.
+    pub fn of_mesh(mesh: &Mesh) -> Self {
+        let triangles = 0..mesh.triangles.len() as u32;
+        const CORNERS: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
+        Self {
+            geometric: triangles
+                .clone()
+                .map(|t| mesh.geometric_normal(t))
+                .collect(),
+            corners: triangles
+                .map(|t| CORNERS.map(|barycentric| mesh.normal_at(t, barycentric)))
+                .collect(),
+        }
+    }
+
+    /// The unit shading normal at `(b1, b2)` of a triangle.
+    pub fn shading(&self, triangle: u32, barycentric: Vec2) -> Vec3 {
+        let [a, b, c] = self.corners[triangle as usize];
+        let (u, v) = (barycentric.x, barycentric.y);
+        (a * (1.0 - u - v) + b * u + c * v)
+            .try_normalize()
+            .unwrap_or(self.geometric[triangle as usize])
+    }
+}
+
 /// All traces of a capture.
 #[derive(Clone, Debug)]
 pub struct TraceSet {
@@ -91,6 +126,8 @@ pub struct TraceSet {
     /// `[triangles]` the points nearest to each triangle's corners: whose radiance to take where a
     /// ray meets the object.
     pub points_of_triangle: Vec<[u32; 3]>,
+    /// How the surface is turned.
+    pub surface: SurfaceNormals,
     /// Whether the noise variances come from a sensor's model; else they are only relative.
     pub noise_is_known: bool,
 }
