@@ -129,10 +129,6 @@ fn fit_by_gradient(
 }
 
 /// Variable projection with visibility, noise weights and the object's own light.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "what fit() is given, and what it made of it"
-)]
 fn fit_in_full(
     traces: &TraceSet,
     neighbours: &[Vec<u32>],
@@ -162,8 +158,13 @@ fn fit_in_full(
     let concave = |index: usize| !visibilities[index].blocked().is_empty();
     let any_concave = (0..visibilities.len()).any(concave);
 
-    // A first fit by one observation a frame, in rounds: it measures the noise and predicts the
-    // object's own light, for which errors of some per cent do not matter.
+    // A first fit by one observation a frame and half the light nodes, in rounds: it measures the
+    // noise and predicts the object's own light, for which errors of some per cent do not matter.
+    let coarse = ForwardModel {
+        light_nodes: model.light_nodes / 2,
+        diffuse_nodes: model.diffuse_nodes.clone(),
+        ..*model
+    };
     let own_light = any_concave && settings.interreflections > 0;
     let gloss = own_light.then(|| Gloss::new(model.pyramid, settings.eta));
     let normals: Vec<Vec3> = traces.traces.iter().map(|t| t.point.normal).collect();
@@ -200,7 +201,7 @@ fn fit_in_full(
             .filter(|(index, _)| again(*index))
             .for_each_init(memory, |(scratch, columns), (index, first)| {
                 let trace = &nearest[index];
-                model.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
+                coarse.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
                 let candidates = full::estimate(trace, columns, settings, &noise);
                 let estimate = ndf_choice::choose(&candidates, 0.5).estimate;
                 *first = (estimate, full::residuals(trace, columns, &estimate));
@@ -244,7 +245,7 @@ fn fit_in_full(
                 return Some(estimate.rho_d);
             }
             let (trace, look) = (&nearest[index], &appearance[index]);
-            model.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
+            coarse.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
             let lobe = (look.ndf(), look.alpha, look.rho_s);
             full::diffuse_beside(trace, columns, &noise, lobe)
         })

@@ -5,7 +5,10 @@ use std::f64::consts::TAU;
 use glam::{DQuat, Mat3, Vec2, Vec3};
 
 use super::columns::{Columns, ForwardModel, ROUGHNESSES, Scratch, roughness};
+use super::gloss::{self, Gloss};
 use super::visibility::Visibility;
+use crate::brdf::{Alpha, Ndf, dielectric};
+use crate::geometry::Local;
 use crate::image::RgbImage;
 use crate::mesh::SurfacePoint;
 use crate::probe::{Environment, LightPyramid};
@@ -157,4 +160,92 @@ fn traces_between_roughnesses_are_those_of_the_integral() {
     }
     println!("at twice the spacing: {largest:.2e} of the peak");
     assert!(largest / 16.0 < 2e-3, "{largest}");
+}
+
+#[test]
+fn gloss_reflects_uniform_light_by_the_albedo() {
+    let image = RgbImage {
+        width: 256,
+        height: 128,
+        pixels: vec![[2.0, 1.0, 0.5]; 256 * 128],
+    };
+    let pyramid = LightPyramid::new(&Environment::new(image, 0.0).unwrap().0);
+    let table = Gloss::new(&pyramid, 1.3);
+    for ndf in Ndf::ALL {
+        for k in 0..gloss::ROUGHNESSES {
+            for (mirror, c) in [
+                (Vec3::Y, 15),
+                (Vec3::new(0.6, -0.8, 0.0), 8),
+                (Vec3::NEG_Z, 3),
+            ] {
+                let cos_o = (c as f32 + 0.5) / gloss::COSINES as f32;
+                let seen = table.radiance(ndf, gloss::roughness(k), mirror, cos_o);
+                let albedo = gloss::directional_albedo(
+                    ndf,
+                    Alpha::saturating(gloss::roughness(k)),
+                    1.3,
+                    cos_o,
+                );
+                assert!(
+                    (seen.x / (2.0 * albedo) - 1.0).abs() < 0.03,
+                    "{ndf:?} {k} {c}: {seen} {albedo}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn gloss_face_on_is_the_integral() {
+    // Seen face on, the split sum is no approximation: a strip of light over black.
+    let pixels = (0..128 * 64)
+        .map(|i| {
+            if (i % 128) / 16 == 3 {
+                [1.0; 3]
+            } else {
+                [0.01; 3]
+            }
+        })
+        .collect();
+    let (environment, _) = Environment::new(
+        RgbImage {
+            width: 128,
+            height: 64,
+            pixels,
+        },
+        0.0,
+    )
+    .unwrap();
+    let table = Gloss::new(&LightPyramid::new(&environment), 1.3);
+    let light = environment.turned(glam::Mat3::IDENTITY);
+    let alpha = Alpha::saturating(gloss::roughness(4));
+    let frame_of = crate::geometry::Frame::about;
+    for direction in [
+        Vec3::X,
+        Vec3::new(0.3, 0.2, -0.6).normalize(),
+        Vec3::new(-0.1, 0.1, 1.0).normalize(),
+    ] {
+        let frame = frame_of(direction);
+        let samples = 4096;
+        let mean = (0..samples)
+            .map(|i| {
+                let [u, v, ..] = SobolPath::new(1, 0, 0, i).next_4d();
+                let wm = Ndf::Ggx.sample_visible(Local(Vec3::Z), alpha, Vec2::new(u, v));
+                let wi = Local(2.0 * wm.0.z * wm.0 - Vec3::Z);
+                if wi.0.z <= 0.0 {
+                    return 0.0;
+                }
+                let weight = dielectric(wm.0.z, 1.3) * Ndf::Ggx.masking_exact(wi, alpha);
+                light.radiance(Vec3::ZERO, frame.from_local(wi)).x * weight
+            })
+            .sum::<f32>()
+            / samples as f32;
+        let seen = table
+            .radiance(Ndf::Ggx, alpha.get(), direction, 0.5 * (31.0 / 16.0))
+            .x;
+        assert!(
+            (seen / mean - 1.0).abs() < 0.05,
+            "{direction}: {seen} {mean}"
+        );
+    }
 }

@@ -65,7 +65,7 @@ mod tests {
         let mut points: Vec<_> = (0..100).map(|i| point(f64::from(i % 7) - 1.5)).collect();
         points.push(point(-30.0));
         let share = share_of_ggx(&points);
-        assert!(share > 0.9, "{share}");
+        assert!(share > 0.8, "{share}");
         assert_eq!(choose(&points[0], share).estimate.ndf, Ndf::Ggx);
         assert_eq!(choose(&points[100], share).estimate.ndf, Ndf::Beckmann);
     }
