@@ -158,10 +158,10 @@ fn fit_in_full(
     let concave = |index: usize| !visibilities[index].blocked().is_empty();
     let any_concave = (0..visibilities.len()).any(concave);
 
-    // A first fit by one observation a frame and half the light nodes, in rounds: it measures the
+    // A first fit by one observation a frame and a quarter of the light nodes, in rounds: it measures the
     // noise and predicts the object's own light, for which errors of some per cent do not matter.
     let coarse = ForwardModel {
-        light_nodes: model.light_nodes / 2,
+        light_nodes: model.light_nodes / 4,
         diffuse_nodes: model.diffuse_nodes.clone(),
         ..*model
     };

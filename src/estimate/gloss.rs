@@ -102,13 +102,18 @@ impl Gloss {
         Self { light, albedo }
     }
 
-    /// Radiance that a surface of unit `rho_s` reflects of unoccluded light towards a view at `cos_o`
-    /// from its normal, whose mirror direction (world frame) is `mirror`.
-    pub(super) fn radiance(&self, ndf: Ndf, alpha: f32, mirror: Vec3, cos_o: f32) -> Vec3 {
+    /// Where a roughness lies in the tables.
+    pub(super) fn place(alpha: f32) -> f32 {
         let x = (1.0 - alpha.ln() / SMALLEST_ALPHA.ln()) * (ROUGHNESSES - 1) as f32;
-        let x = x.clamp(0.0, (ROUGHNESSES - 1) as f32);
-        let k = (x as usize).min(ROUGHNESSES - 2);
-        let t = x - k as f32;
+        x.clamp(0.0, (ROUGHNESSES - 1) as f32)
+    }
+
+    /// Radiance that a surface of unit `rho_s` and of a roughness at `place` reflects of unoccluded
+    /// light towards a view at `cos_o` from its normal, whose mirror direction (world frame) is
+    /// `mirror`.
+    pub(super) fn radiance(&self, ndf: Ndf, place: f32, mirror: Vec3, cos_o: f32) -> Vec3 {
+        let k = (place as usize).min(ROUGHNESSES - 2);
+        let t = place - k as f32;
         // Bilinear within the octahedral square; across its edges the nearest cell.
         let place = octahedral_from_direction(mirror) * CELLS as f32 - 0.5;
         let place = place.clamp(Vec2::ZERO, Vec2::splat((CELLS - 1) as f32));

@@ -15,9 +15,10 @@ use super::visibility::{BlockedPatch, Visibility};
 use super::{Estimate, Status};
 use crate::brdf::Ndf;
 
-/// Iterations of the object's own light. An order of reflection carries at most the share of the
-/// last that albedo and the blocked part of the hemisphere leave: below a third on ordinary objects.
-const ITERATIONS: usize = 8;
+/// Iterations of the object's own light in each round of a fit, which go on from the last round's. An
+/// order of reflection carries at most the share of the last that albedo and the blocked part of the
+/// hemisphere leave: below a third on ordinary objects.
+const ITERATIONS: usize = 4;
 
 /// What a point reflects with.
 #[derive(Clone, Copy)]
@@ -25,6 +26,8 @@ struct Material {
     rho_d: Vec3,
     rho_s: Vec3,
     alpha: f32,
+    /// The roughness in the tables of [`Gloss`].
+    place: f32,
     ndf: Ndf,
 }
 
@@ -73,7 +76,10 @@ impl<'a> Glow<'a> {
             scene,
             materials: fitted.clone(),
             irradiance: Vec::new(),
-            diffuse: vec![Vec3::ZERO; scene.irradiance.len()],
+            diffuse: match previous {
+                Some(previous) => previous.diffuse.clone(),
+                None => vec![Vec3::ZERO; scene.irradiance.len()],
+            },
         };
         // Irradiance over π that a point gets from the blocked part of its view.
         let gathered = |glow: &Self, i: usize, light: &dyn Fn(usize, &BlockedPatch) -> Vec3| {
@@ -166,7 +172,7 @@ impl<'a> Glow<'a> {
         let light = self
             .scene
             .gloss
-            .radiance(material.ndf, material.alpha, mirror, cos_o);
+            .radiance(material.ndf, material.place, mirror, cos_o);
         light * material.rho_s * open
     }
 }
@@ -200,6 +206,7 @@ fn materials(estimates: &[Estimate]) -> Vec<Material> {
                 rho_d: if diffuse_known(&e) { e.rho_d } else { rho_d },
                 rho_s,
                 alpha,
+                place: Gloss::place(alpha),
                 ndf: e.ndf,
             }
         })

@@ -179,7 +179,7 @@ fn gloss_reflects_uniform_light_by_the_albedo() {
                 (Vec3::NEG_Z, 3),
             ] {
                 let cos_o = (c as f32 + 0.5) / gloss::COSINES as f32;
-                let seen = table.radiance(ndf, gloss::roughness(k), mirror, cos_o);
+                let seen = table.radiance(ndf, k as f32, mirror, cos_o);
                 let albedo = gloss::directional_albedo(
                     ndf,
                     Alpha::saturating(gloss::roughness(k)),
@@ -241,7 +241,7 @@ fn gloss_face_on_is_the_integral() {
             .sum::<f32>()
             / samples as f32;
         let seen = table
-            .radiance(Ndf::Ggx, alpha.get(), direction, 0.5 * (31.0 / 16.0))
+            .radiance(Ndf::Ggx, 4.0, direction, 0.5 * (31.0 / 16.0))
             .x;
         assert!(
             (seen / mean - 1.0).abs() < 0.05,
