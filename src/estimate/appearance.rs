@@ -9,37 +9,53 @@ use glam::{Vec3, Vec4};
 use super::{Estimate, Status};
 use crate::brdf::{Appearance, Ndf};
 
+/// A specular albedo below this reflects 0.2 % of the light face on (eta 1.3): nobody sees its lobe.
+const MATTE: f32 = 0.1;
+
+/// Whether a diffuse albedo is worth more than the neighbours': every channel known to 25 % or to
+/// 0.02, one standard deviation.
+pub(super) fn is_precise(rho_d: Vec3, sigma: Vec3) -> bool {
+    sigma.cmplt((0.25 * rho_d).max(Vec3::splat(0.02))).all()
+}
+
 impl Estimate {
     /// Whether a point's own lobe is worth more than its neighbours': alpha known to 25 % and rho_s to
     /// 50 %, one standard deviation. Beyond, the product of the two fits the frames that were seen, and
-    /// either may be wrong by orders of magnitude in another light. An estimator without error bars is
-    /// taken at its word.
+    /// either may be wrong by orders of magnitude in another light. Where the specular albedo is firmly
+    /// next to nothing, alpha does not matter. An estimator without error bars is taken at its word.
     pub fn lobe_is_known(&self) -> bool {
         let without_bars = self.sigma_alpha.is_infinite() && self.sigma_rho_s.is_infinite();
-        let precise = self.sigma_alpha < 0.25 * self.alpha
-            && self.sigma_rho_s < 0.5 * self.rho_s.max_element();
-        self.status == Status::Converged && (without_bars || precise)
+        let rho_s = self.rho_s.max_element();
+        let precise = self.sigma_alpha < 0.25 * self.alpha && self.sigma_rho_s < 0.5 * rho_s;
+        let matte = rho_s + 2.0 * self.sigma_rho_s < MATTE;
+        match self.status {
+            Status::Converged | Status::AlphaAtBound => without_bars || precise || matte,
+            Status::Unidentifiable => matte,
+            _ => false,
+        }
     }
 
-    /// Whether a point's own diffuse albedo is worth more than its neighbours': every channel known
-    /// to 25 % or to 0.02, one standard deviation.
+    /// Whether a point's own diffuse albedo is worth more than its neighbours'.
     pub fn diffuse_is_known(&self) -> bool {
         let without_bars = self.sigma_rho_d.cmpeq(Vec3::INFINITY).all();
-        let bound = (0.25 * self.rho_d).max(Vec3::splat(0.02));
         let fitted = matches!(
             self.status,
             Status::Converged | Status::Unidentifiable | Status::AlphaAtBound
         );
-        fitted && (without_bars || self.sigma_rho_d.cmplt(bound).all())
+        fitted && (without_bars || is_precise(self.rho_d, self.sigma_rho_d))
     }
 }
 
-/// The points' own lobes where they are known, their neighbours' elsewhere; `rho_d` stays zero.
+/// The points' own lobes where they are known, their neighbours' elsewhere; `rho_d` stays zero. If no
+/// point's lobe is known, all keep their own.
 ///
 /// Means are of logarithms, by relative precision: an albedo whose error bar is small only beside its
 /// own, far too large value does not spread.
 pub(super) fn lobes(estimates: &[Estimate], neighbours: &[Vec<u32>]) -> Vec<Appearance> {
-    let known: Vec<bool> = estimates.iter().map(Estimate::lobe_is_known).collect();
+    let mut known: Vec<bool> = estimates.iter().map(Estimate::lobe_is_known).collect();
+    if !known.contains(&true) {
+        known.fill(true);
+    }
     let relative = |sigma: f32, value: f32| {
         let ratio = sigma / value.max(f32::MIN_POSITIVE);
         if ratio.is_finite() {
@@ -166,5 +182,33 @@ mod tests {
         let filled = lobes(&estimates, &neighbours);
         assert!((filled[1].rho_s.x - 2.0).abs() < 0.1, "{:?}", filled[1]);
         assert!((filled[2].rho_s.x - 40.0).abs() < 1e-3, "known: its own");
+    }
+
+    #[test]
+    fn without_any_known_lobe_all_keep_their_own() {
+        let matte = Estimate {
+            alpha: 0.4,
+            ..Estimate::without_data(Status::Unidentifiable, 9)
+        };
+        let looks = lobes(&[matte; 3], &[vec![1], vec![0, 2], vec![1]]);
+        assert!(looks.iter().all(|look| look.rho_s.max_element() < 1e-3));
+        assert!((looks[0].alpha - 0.4).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_matte_point_beside_a_shiny_one_stays_matte() {
+        let shiny = Estimate {
+            rho_s: Vec3::splat(2.35),
+            sigma_rho_s: 0.05,
+            alpha: 0.2,
+            sigma_alpha: 0.01,
+            ..Estimate::without_data(Status::Converged, 9)
+        };
+        let matte = Estimate {
+            sigma_rho_s: 0.02,
+            ..Estimate::without_data(Status::Unidentifiable, 9)
+        };
+        let looks = lobes(&[shiny, matte], &[vec![1], vec![0]]);
+        assert!(looks[1].rho_s.max_element() < 1e-3, "{:?}", looks[1]);
     }
 }

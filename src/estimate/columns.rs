@@ -254,8 +254,10 @@ impl Columns {
         for (i, &variance) in self.normal_variance.iter().enumerate() {
             let widened = alpha2 + 2.0 * variance;
             let slope = alpha2 / widened;
-            let x =
-                ((0.5 * widened.ln() - RANGE.0.ln()) / step).clamp(0.0, (ROUGHNESSES - 1) as f32);
+            let place = (0.5 * widened.ln() - RANGE.0.ln()) / step;
+            let x = place.clamp(0.0, (ROUGHNESSES - 1) as f32);
+            // Beyond the grid the trace stays as it is at the end.
+            let slope = if x == place { slope } else { 0.0 };
             let k = (x as usize).clamp(1, ROUGHNESSES - 3);
             let t = x - k as f32;
             let samples = &self.specular[ndf][i * ROUGHNESSES + k - 1..][..4];

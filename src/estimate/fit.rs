@@ -15,6 +15,9 @@ use crate::brdf::Appearance;
 use crate::probe::LightPyramid;
 use crate::traces::{Trace, TraceSet};
 
+/// Points whose residuals measure the noise.
+const NOISE_SAMPLE: usize = 512;
+
 /// What a fit cost and found, counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FitStats {
@@ -24,7 +27,8 @@ pub struct FitStats {
     pub seen: u64,
     /// Points whose hemisphere is open: no occlusion, no interreflection.
     pub open: u64,
-    /// Points whose lobe the data do not determine; they are rendered with their neighbours'.
+    /// Points whose lobe the data do not determine well enough; they are rendered with their
+    /// neighbours'.
     pub borrowed: u64,
     /// Rays traced for visibility.
     pub visibility_rays: u64,
@@ -158,8 +162,8 @@ fn fit_in_full(
     let concave = |index: usize| !visibilities[index].blocked().is_empty();
     let any_concave = (0..visibilities.len()).any(concave);
 
-    // A first fit by one observation a frame and a quarter of the light nodes, in rounds: it measures the
-    // noise and predicts the object's own light, for which errors of some per cent do not matter.
+    // A first fit by one observation a frame and a quarter of the light nodes, in rounds: it predicts
+    // the object's own light, for which errors of some per cent do not matter.
     let coarse = ForwardModel {
         light_nodes: model.light_nodes / 4,
         diffuse_nodes: model.diffuse_nodes.clone(),
@@ -216,6 +220,25 @@ fn fit_in_full(
         }
     }
 
+    // The noise that counts is that of the full model.
+    if !traces.noise_is_known {
+        let sample = traces.traces.len().div_ceil(NOISE_SAMPLE).max(1);
+        let residuals: Vec<Vec<Vec3>> = traces
+            .traces
+            .par_iter()
+            .zip(&visibilities)
+            .step_by(sample)
+            .map_init(memory, |(scratch, columns), (trace, visibility)| {
+                model.columns(trace, visibility, glow.as_ref(), scratch, columns);
+                let candidates = full::estimate(trace, columns, settings, &noise);
+                let estimate = ndf_choice::choose(&candidates, 0.5).estimate;
+                full::residuals(trace, columns, &estimate)
+            })
+            .collect();
+        noise = NoiseModel::of_residuals(&residuals.concat());
+        stats.observations += observations(traces.traces.iter().step_by(sample));
+    }
+
     // All observations, once, in that light.
     stats.observations += observations(traces.traces.iter());
     let candidates: Vec<Vec<full::Candidate>> = traces
@@ -242,7 +265,7 @@ fn fit_in_full(
         .enumerate()
         .map_init(memory, |(scratch, columns), (index, estimate)| {
             if estimate.lobe_is_known() {
-                return Some(estimate.rho_d);
+                return estimate.diffuse_is_known().then_some(estimate.rho_d);
             }
             let (trace, look) = (&nearest[index], &appearance[index]);
             coarse.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);

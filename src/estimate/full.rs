@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3, Vec3};
 
+use super::appearance::is_precise;
 use super::columns::{Columns, ROUGHNESSES, roughness};
 use super::least_squares::{Normal, UNKNOWNS};
 use super::noise::{NU, NoiseModel, deviation};
@@ -95,7 +96,7 @@ pub(super) fn residuals(trace: &Trace, columns: &Columns, estimate: &Estimate) -
     residuals
 }
 
-/// The diffuse albedo beside a lobe that is given, or none without data.
+/// The diffuse albedo beside a lobe that is given, where the data determine it.
 pub(super) fn diffuse_beside(
     trace: &Trace,
     columns: &Columns,
@@ -104,7 +105,7 @@ pub(super) fn diffuse_beside(
 ) -> Option<Vec3> {
     let problem = Problem::new(trace, columns, SpecularColour::Neutral, noise);
     let mut weights = vec![1.0; problem.precisions.len()];
-    let mut rho_d = DVec3::ZERO;
+    let mut known = None;
     for _ in 0..ROUNDS {
         let mut normal = Normal {
             size: 3,
@@ -124,11 +125,17 @@ pub(super) fn diffuse_beside(
             return None;
         }
         let (x, _) = normal.solve();
-        rho_d = DVec3::new(x[0], x[1], x[2]);
+        let rho_d = DVec3::new(x[0], x[1], x[2]);
         let squares = problem.squares(ndf, alpha.ln(), rho_d, rho_s.as_dvec3());
-        (weights, _) = problem.reweigh(&squares, &weights, 3);
+        let scale;
+        (weights, scale) = problem.reweigh(&squares, &weights, 3);
+        let information = (0..3).map(|c| normal.a[c][..3].to_vec()).collect();
+        let variances = inverse_diagonal(information);
+        let sigma = Vec3::from([0, 1, 2].map(|c| (scale * variances[c]).sqrt() as f32));
+        let rho_d = rho_d.as_vec3();
+        known = is_precise(rho_d, sigma).then_some(rho_d);
     }
-    Some(rho_d.as_vec3())
+    known
 }
 
 /// A point's data and model.
@@ -280,9 +287,8 @@ impl<'a> Problem<'a> {
         let mut scale = 1.0;
         for _ in 0..3 {
             let sum: f64 = squares.iter().zip(&weights).map(|(q, w)| q * w).sum();
-            // The smallest positive scale keeps exact data finite.
             let freedom = samples - (unknowns as f64).min(samples - 1.0) + PRIOR_RESIDUALS;
-            scale = ((sum + PRIOR_RESIDUALS) / freedom).max(1e-12);
+            scale = (sum + PRIOR_RESIDUALS) / freedom;
             if self.noise.is_known {
                 scale = scale.max(1.0);
             }

@@ -6,13 +6,13 @@
 //! Fresnel the specular part is small beside the light but not beside the diffuse part (rho_s = 2.35
 //! reflects 4 % face on), so it counts.
 
-use glam::{Mat3, Vec3};
+use glam::{BVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
+use super::Estimate;
 use super::columns::Arrival;
 use super::gloss::Gloss;
 use super::visibility::{BlockedPatch, Visibility};
-use super::{Estimate, Status};
 use crate::brdf::Ndf;
 
 /// Iterations of the object's own light in each round of a fit, which go on from the last round's. An
@@ -24,6 +24,8 @@ const ITERATIONS: usize = 4;
 #[derive(Clone, Copy)]
 struct Material {
     rho_d: Vec3,
+    /// Channels of `rho_d` that are the point's own.
+    is_fitted: BVec3,
     rho_s: Vec3,
     alpha: f32,
     /// The roughness in the tables of [`Gloss`].
@@ -120,7 +122,8 @@ impl<'a> Glow<'a> {
                     square += glow.irradiance[i] * glow.irradiance[i];
                 }
                 let ratio = product / square.max(Vec3::splat(f32::MIN_POSITIVE));
-                material.rho_d = (fitted[point].rho_d * ratio).min(Vec3::ONE);
+                let followed = (fitted[point].rho_d * ratio).min(Vec3::ONE);
+                material.rho_d = Vec3::select(material.is_fitted, followed, material.rho_d);
             }
             glow.diffuse = every
                 .clone()
@@ -177,33 +180,36 @@ impl<'a> Glow<'a> {
     }
 }
 
-/// What every point reflects with. A point whose diffuse albedo or lobe the data do not determine to
-/// half its value takes the median of those
-/// that they do.
+/// What every point reflects with. A diffuse albedo that the data determine neither to half its value
+/// nor to 0.02, and a lobe that they do not determine, are the median of those that they do.
 fn materials(estimates: &[Estimate]) -> Vec<Material> {
-    let diffuse_known =
-        |e: &&Estimate| e.frames > 0 && e.sigma_rho_d.cmple(0.5 * e.rho_d.min(Vec3::ONE)).all();
-    let lobe_known = |e: &&Estimate| {
-        e.status == Status::Converged && e.sigma_rho_s <= 0.5 * e.rho_s.max_element()
+    let diffuse_known = |e: &Estimate, c: usize| {
+        e.frames > 0 && e.sigma_rho_d[c] <= (0.5 * e.rho_d[c].min(1.0)).max(0.02)
     };
-    let median = |known: &dyn Fn(&&Estimate) -> bool, value: &dyn Fn(&Estimate) -> f32| {
-        let mut values: Vec<f32> = estimates.iter().filter(known).map(value).collect();
+    let median = |values: &mut dyn Iterator<Item = f32>| {
+        let mut values: Vec<f32> = values.collect();
         values.sort_by(f32::total_cmp);
         values.get(values.len() / 2).copied().unwrap_or(0.0)
     };
-    let rho_d = Vec3::from([0, 1, 2].map(|c| median(&diffuse_known, &|e| e.rho_d[c].min(1.0))));
-    let rho_s = Vec3::from([0, 1, 2].map(|c| median(&lobe_known, &|e| e.rho_s[c])));
-    let alpha = median(&lobe_known, &|e| e.alpha).max(0.01);
+    let lobes = || estimates.iter().filter(|e| e.lobe_is_known());
+    let rho_d = Vec3::from([0, 1, 2].map(|c| {
+        let known = estimates.iter().filter(|e| diffuse_known(e, c));
+        median(&mut known.map(|e| e.rho_d[c].min(1.0)))
+    }));
+    let rho_s = Vec3::from([0, 1, 2].map(|c| median(&mut lobes().map(|e| e.rho_s[c]))));
+    let alpha = median(&mut lobes().map(|e| e.alpha)).max(0.01);
     estimates
         .iter()
         .map(|e| {
-            let (rho_s, alpha) = if lobe_known(&e) {
+            let (rho_s, alpha) = if e.lobe_is_known() {
                 (e.rho_s, e.alpha)
             } else {
                 (rho_s, alpha)
             };
+            let is_fitted = BVec3::from_array([0, 1, 2].map(|c| diffuse_known(e, c)));
             Material {
-                rho_d: if diffuse_known(&e) { e.rho_d } else { rho_d },
+                rho_d: Vec3::select(is_fitted, e.rho_d.min(Vec3::ONE), rho_d),
+                is_fitted,
                 rho_s,
                 alpha,
                 place: Gloss::place(alpha),

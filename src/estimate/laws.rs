@@ -6,7 +6,9 @@ use glam::{DQuat, Mat3, Vec2, Vec3};
 
 use super::columns::{Columns, ForwardModel, ROUGHNESSES, Scratch, roughness};
 use super::gloss::{self, Gloss};
+use super::noise::NoiseModel;
 use super::visibility::Visibility;
+use super::{full, ndf_choice};
 use crate::brdf::{Alpha, Ndf, dielectric};
 use crate::geometry::Local;
 use crate::image::RgbImage;
@@ -248,4 +250,114 @@ fn gloss_face_on_is_the_integral() {
             "{direction}: {seen} {mean}"
         );
     }
+}
+
+/// A trace of an open point under a probe, of a given material, with noise of 0.1 % that the channels
+/// share in part.
+fn synthetic(material: (Ndf, f32, f32), colour: Vec3) -> (Trace, Columns) {
+    let mut trace = trace(60);
+    for (i, observation) in trace.observations.iter_mut().enumerate() {
+        observation.frame = i as u32;
+        // A tenth as wide as the narrowest lobe asked for.
+        observation.normal_variance = 1e-5;
+    }
+    let pyramid = pyramid("interior.exr");
+    let model = ForwardModel {
+        pyramid: &pyramid,
+        diffuse_nodes: ForwardModel::diffuse_nodes(&pyramid, 512),
+        world_from_object: &[Mat3::IDENTITY; 60],
+        eta: 1.3,
+        light_nodes: 1024,
+        window_cos: None,
+        footprints: true,
+    };
+    let mut columns = Columns::default();
+    let mut scratch = Scratch::default();
+    model.columns(&trace, &Visibility::Open, None, &mut scratch, &mut columns);
+    let (ndf, alpha, rho_s) = material;
+    let mut observed = Vec::new();
+    columns.specular(ndf as usize, alpha.ln(), |i, specular, _| {
+        let [a, b, c, d] = SobolPath::new(11, 0, 0, i as u32).next_4d();
+        let noise = Vec3::splat(a - 0.5) + 0.3 * (Vec3::new(b, c, d) - 0.5);
+        let exact = colour * columns.diffuse[i] + rho_s * specular;
+        observed.push(exact * (Vec3::ONE + 3e-3 * noise));
+    });
+    for (observation, radiance) in trace.observations.iter_mut().zip(observed) {
+        observation.radiance = radiance;
+        observation.variance = (1e-3 * radiance) * (1e-3 * radiance);
+    }
+    (trace, columns)
+}
+
+fn best(trace: &Trace, columns: &Columns) -> super::Estimate {
+    let noise = NoiseModel::independent(false);
+    let candidates = full::estimate(trace, columns, &super::FitSettings::default(), &noise);
+    ndf_choice::choose(&candidates, 0.5).estimate
+}
+
+#[test]
+fn full_recovers_material_through_outliers_and_saturation() {
+    let colour = Vec3::new(0.4, 0.3, 0.0);
+    for (ndf, alpha) in [(Ndf::Ggx, 0.1), (Ndf::Beckmann, 0.3), (Ndf::Ggx, 0.3)] {
+        let (mut trace, columns) = synthetic((ndf, alpha, 2.35), colour);
+        // One observation in ten is a shadow or a firefly, one in ten saturates red.
+        for (i, observation) in trace.observations.iter_mut().enumerate() {
+            match i % 10 {
+                3 => observation.radiance *= if i % 20 == 3 { 0.3 } else { 4.0 },
+                7 => {
+                    observation.radiance.x = 1e3;
+                    observation.variance.x = f32::INFINITY;
+                }
+                _ => {}
+            }
+        }
+        let estimate = best(&trace, &columns);
+        let message = format!("{ndf:?} {alpha}: {estimate:?}");
+        assert_eq!(estimate.ndf, ndf, "{message}");
+        assert!((estimate.alpha / alpha - 1.0).abs() < 0.02, "{message}");
+        assert!((estimate.rho_s.x / 2.35 - 1.0).abs() < 0.02, "{message}");
+        assert!(
+            (estimate.rho_d - colour).abs().max_element() < 0.003,
+            "{message}"
+        );
+        assert_eq!(estimate.status, super::Status::Converged, "{message}");
+        assert!(estimate.sigma_alpha < 0.02 * alpha, "{message}");
+    }
+}
+
+#[test]
+fn a_matte_point_has_no_lobe() {
+    let colour = Vec3::new(0.4, 0.3, 0.2);
+    let (trace, columns) = synthetic((Ndf::Ggx, 0.2, 0.0), colour);
+    let estimate = best(&trace, &columns);
+    assert!(estimate.rho_s.x < 0.1, "{estimate:?}");
+    assert!(
+        (estimate.rho_d - colour).abs().max_element() < 0.005,
+        "{estimate:?}"
+    );
+}
+
+#[test]
+fn diffuse_beside_a_lobe_is_what_it_leaves() {
+    let colour = Vec3::new(0.4, 0.3, 0.2);
+    let (trace, columns) = synthetic((Ndf::Ggx, 0.2, 2.35), colour);
+    let noise = NoiseModel::independent(false);
+    let beside = |rho_s: f32| {
+        full::diffuse_beside(
+            &trace,
+            &columns,
+            &noise,
+            (Ndf::Ggx, 0.2, Vec3::splat(rho_s)),
+        )
+    };
+    assert!((beside(2.35).unwrap() - colour).abs().max_element() < 0.002);
+    assert!(
+        beside(1.5).unwrap().x > 0.402,
+        "less gloss leaves more to the diffuse part"
+    );
+    let mut dark = trace.clone();
+    dark.observations
+        .iter_mut()
+        .for_each(|o| o.variance = Vec3::INFINITY);
+    assert!(full::diffuse_beside(&dark, &columns, &noise, (Ndf::Ggx, 0.2, Vec3::ONE)).is_none());
 }

@@ -59,9 +59,21 @@ impl PointSet {
     pub fn neighbours(&self, mesh: &Mesh) -> Vec<Vec<u32>> {
         match &self.grid {
             None => {
+                // All vertices at a position, under the first of them.
                 let neighbours = neighbours(mesh);
-                let vertices = 0..self.points.len() as u32;
-                vertices.map(|v| neighbours.of(v).to_vec()).collect()
+                let mut together = vec![Vec::new(); self.points.len()];
+                for (vertex, first) in (0..).zip(&neighbours.weld) {
+                    together[*first as usize].push(vertex);
+                }
+                let beside = |vertex: u32| {
+                    let first = neighbours.weld[vertex as usize];
+                    let positions = [first]
+                        .into_iter()
+                        .chain(neighbours.of(vertex).iter().copied());
+                    let all = positions.flat_map(|position| together[position as usize].iter());
+                    all.copied().filter(|&other| other != vertex).collect()
+                };
+                (0..self.points.len() as u32).map(beside).collect()
             }
             Some(grid) => (0..grid.texels.len()).map(|i| grid.beside(i)).collect(),
         }

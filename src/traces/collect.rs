@@ -86,6 +86,9 @@ pub enum TraceError {
     },
 }
 
+/// A patch whose normal is farther from a point's, 60°, is another surface, as behind a thin wall.
+const SAME_SIDE_COS: f32 = 0.5;
+
 /// Relative noise assumed where no sensor is given: 1 % of the radiance, over a floor of 0.1 % of
 /// the frame's mean. Only the relation between bright and dark samples matters then; the fit
 /// scales the whole by its residuals.
@@ -93,9 +96,9 @@ const ASSUMED_NOISE: (f32, f32) = (0.01, 0.001);
 
 /// Collects the traces of all points over all frames of a capture.
 ///
-/// Every pixel is an observation of the point that stands for the middle of its patch, so that no
-/// part of a photograph is left out; a point too small to have pixels of its own in a frame takes
-/// the one it is projected onto. `on_frame` hears of every frame done.
+/// Every pixel is an observation of the point that stands for the middle of its patch, if one is
+/// within reach; a point too small to have pixels of its own in a frame takes the one it is projected
+/// onto. `on_frame` hears of every frame done.
 pub fn collect(
     capture: &Capture,
     mesh: &Mesh,
@@ -132,7 +135,13 @@ pub fn collect(
                 let position = trace.point.position;
                 let own = owned.of(index);
                 let borrowed = if own.is_empty() {
-                    photograph.pixel_of(&view, position)
+                    let pixel = photograph.pixel_of(&view, position);
+                    pixel.filter(|&pixel| {
+                        let patch = patches[pixel as usize].as_ref();
+                        patch.is_some_and(|patch| {
+                            patch.footprint.geometric_normal.dot(trace.point.normal) > SAME_SIDE_COS
+                        })
+                    })
                 } else {
                     None
                 };
@@ -374,6 +383,8 @@ impl Noise {
                     variance(radiance.z),
                 )
             }
+            // A frame without light tells nothing.
+            Self::Assumed(mean) if *mean <= 0.0 => Vec3::INFINITY,
             Self::Assumed(mean) => {
                 let (relative, floor) = ASSUMED_NOISE;
                 let floor = (floor * mean).max(f32::MIN_POSITIVE.sqrt());

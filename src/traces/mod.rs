@@ -32,7 +32,7 @@ pub struct Observation {
     pub wo: Vec3,
     /// Mean shading normal over the pixel's patch, unit, object frame.
     pub normal: Vec3,
-    /// Geometric normal at the patch's centre, unit, object frame.
+    /// Mean geometric normal over the patch, unit, object frame.
     pub geometric_normal: Vec3,
     /// Variance of the shading normal over the patch, radian² per tangent axis.
     pub normal_variance: f32,
