@@ -118,7 +118,7 @@ pub(super) struct FitChoices {
     #[arg(long, default_value = "vertices", value_parser = points)]
     pub(super) points: PointsChoice,
     /// Rounds of interreflection; 0 takes the object's own light as black.
-    #[arg(long, default_value_t = 4)]
+    #[arg(long, default_value_t = 3)]
     pub(super) interreflections: u32,
     /// Light nodes per observation: more is slower and closer.
     #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=1 << 20))]

@@ -87,7 +87,7 @@ impl Default for FitSettings {
             specular: SpecularColour::Neutral,
             eta: 1.3,
             light_nodes: 1024,
-            interreflections: 4,
+            interreflections: 3,
             window: std::f32::consts::FRAC_PI_2,
         }
     }
