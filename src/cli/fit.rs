@@ -95,6 +95,21 @@ pub(super) fn fit_capture(
         PointsChoice::Vertices => PointSet::vertices(&mesh),
         PointsChoice::Texels(resolution) => PointSet::texels(&mesh, resolution as u32)?,
     };
+    if let Some(grid) = &points.grid
+        && grid.overlaps + grid.outside > 0
+    {
+        note(
+            common,
+            &format!(
+                "note: {}: {} texels are covered twice and belong to the first triangle; {} triangles \
+                 reach outside the texture's square, where nothing is fitted; unwrap the mesh anew to \
+                 measure all of it",
+                capture.object.mesh.display(),
+                grid.overlaps,
+                grid.outside
+            ),
+        );
+    }
     let load = started.elapsed().as_secs_f64();
 
     // Traces: what each point was seen to do.

@@ -110,6 +110,17 @@ impl ArrayReader {
         self.array(name, None)
     }
 
+    /// `[N]` of `T`, or none if the file has no such array.
+    pub(super) fn column_if_any<T: Element>(
+        &mut self,
+        name: &'static str,
+    ) -> Result<Option<Vec<T>>, ExportError> {
+        match self.column(name) {
+            Err(ExportError::MissingArray { .. }) => Ok(None),
+            found => found.map(Some),
+        }
+    }
+
     /// The samples, row after row, of an array `[N]` or `[N, columns]`.
     fn array<T: Element>(
         &mut self,

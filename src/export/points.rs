@@ -36,7 +36,8 @@ pub struct PointTable {
     pub residual: Vec<f32>,
     /// `[N]` how the fit of the point ended, as a code.
     pub status: Vec<i32>,
-    /// `[N]` 1 where the lobe is not known and the point is rendered with its neighbours'.
+    /// `[N]` 1 where the lobe is not known and the point is rendered with its neighbours'; all 0 in a
+    /// file without it.
     pub borrowed: Vec<i32>,
 }
 
@@ -84,8 +85,11 @@ impl PointTable {
     /// An array is absent or has another type or shape, or the file is not a zip of arrays.
     pub fn read_npz(path: &Path) -> Result<Self, ExportError> {
         let mut arrays = ArrayReader::open(path)?;
+        let position = arrays.rgb("position")?;
+        let borrowed = arrays.column_if_any("borrowed")?;
         let table = Self {
-            position: arrays.rgb("position")?,
+            borrowed: borrowed.unwrap_or_else(|| vec![0; position.len()]),
+            position,
             normal: arrays.rgb("normal")?,
             rho_d: arrays.rgb("rho_d")?,
             rho_s: arrays.rgb("rho_s")?,
@@ -99,7 +103,6 @@ impl PointTable {
             frames: arrays.column("frames")?,
             residual: arrays.column("residual")?,
             status: arrays.column("status")?,
-            borrowed: arrays.column("borrowed")?,
         };
         table.check_lengths(path)?;
         Ok(table)

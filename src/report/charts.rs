@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use crate::image::viridis;
+
 /// Size of a chart in CSS pixels.
 const SIZE: (f32, f32) = (320.0, 120.0);
 /// Room for labels at the bottom.
@@ -57,6 +59,22 @@ pub(super) fn line(values: &[f64]) -> String {
         format!("{low:.1} to {high:.1}")
     };
     frame(&format!(r#"<polyline points="{points}"/>"#), &label, "")
+}
+
+/// The colours of a view's scale from its lowest to its highest value.
+pub(super) fn colour_bar() -> String {
+    const STEPS: usize = 32;
+    let mut cells = String::new();
+    for i in 0..STEPS {
+        let [r, g, b] = viridis(i as f64 / (STEPS - 1) as f64);
+        let _ = write!(
+            cells,
+            r#"<rect x="{}" y="0" width="5" height="10" fill="rgb({r},{g},{b})"/>"#,
+            4 * i
+        );
+    }
+    let width = 4 * STEPS;
+    format!(r#"<svg viewBox="0 0 {width} 10" width="{width}" height="10">{cells}</svg>"#)
 }
 
 fn frame(content: &str, left: &str, right: &str) -> String {

@@ -4,8 +4,8 @@ use std::io;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use super::charts::{histogram, line, short};
-use super::views::{ParameterView, STATUS_COLOURS, difference, quantile};
+use super::charts::{colour_bar, histogram, line, short};
+use super::views::{Legend, ParameterView, STATUS_COLOURS, difference, quantile};
 use super::{FramePair, Observation, ReportError, embed};
 use crate::compare::SequenceErrors;
 use crate::export::PointTable;
@@ -72,7 +72,7 @@ pub(super) fn page(
                 @for (view, uri) in &views {
                     figure {
                         img src=(uri) width=(view.width) height=(view.height);
-                        figcaption { b { (view.title) } ": " (view.legend) }
+                        figcaption { b { (view.title) } (legend(&view.legend)) }
                     }
                 }
                 h2 { "How the points ended" }
@@ -101,6 +101,15 @@ fn observed(observation: &Result<Observation, ReportError>) -> io::Result<Markup
         @else { p { "No reproduction was given; see " code { "turnlight reproduce" } "." } }
         (frames)
     })
+}
+
+fn legend(legend: &Legend) -> Markup {
+    match legend {
+        Legend::Words(words) => html! { ": " (words) },
+        Legend::Scale { low, high } => html! {
+            div { (short(*low)) " " (PreEscaped(colour_bar())) " " (short(*high)) ", logarithmic" }
+        },
+    }
 }
 
 /// Points whose lobe is not their own in a reproduction.
@@ -217,6 +226,7 @@ fn parameters(table: &PointTable) -> Markup {
         }
         figure { (PreEscaped(histogram(&rows[4].1, 0.01, 1.0, true))) figcaption { "alpha" } }
         figure { (PreEscaped(histogram(&rows[3].1, 0.0, strongest, false))) figcaption { "rho_s" } }
+        figure { (PreEscaped(histogram(&rows[7].1, 0.001, 1.0, true))) figcaption { "relative residual" } }
     }
 }
 

@@ -4,7 +4,6 @@ use glam::{DVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::ReportError;
-use super::charts::short;
 use crate::accel::Accel;
 use crate::export::PointTable;
 use crate::image::{RgbImage, srgb_encode, viridis};
@@ -15,11 +14,23 @@ use crate::scene::{MapSource, MaterialField, Scene};
 /// One parameter over the object, both views side by side, in display values.
 pub(super) struct ParameterView {
     pub(super) title: &'static str,
-    /// What the colours mean.
-    pub(super) legend: String,
+    pub(super) legend: Legend,
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) pixels: Vec<[u8; 3]>,
+}
+
+/// What the colours of a view mean.
+pub(super) enum Legend {
+    /// In words.
+    Words(&'static str),
+    /// From dark to bright on a logarithmic scale.
+    Scale {
+        /// Value of the darkest colour, and below.
+        low: f32,
+        /// Value of the brightest, and above.
+        high: f32,
+    },
 }
 
 /// Colours of the status codes 0 to 5.
@@ -47,12 +58,14 @@ pub(super) fn parameter_views(
     let seen = Seen::trace(scene, &mesh, &accel, &[first, first + std::f64::consts::PI]);
 
     let mut views = Vec::new();
-    views.push(seen.view("diffuse albedo", "as sRGB".to_owned(), |hit| {
-        let rho_d = material.at(&mesh, hit.triangle, hit.barycentric).rho_d;
-        rho_d
-            .to_array()
-            .map(|c| (255.0 * srgb_encode(f64::from(c.clamp(0.0, 1.0)))).round() as u8)
-    }));
+    views.push(
+        seen.view("diffuse albedo", Legend::Words("as sRGB"), |hit| {
+            let rho_d = material.at(&mesh, hit.triangle, hit.barycentric).rho_d;
+            rho_d
+                .to_array()
+                .map(|c| (255.0 * srgb_encode(f64::from(c.clamp(0.0, 1.0)))).round() as u8)
+        }),
+    );
     let alpha = |hit: &Hit| {
         material
             .at(&mesh, hit.triangle, hit.barycentric)
@@ -60,22 +73,14 @@ pub(super) fn parameter_views(
             .get()
     };
     let rho_s = |hit: &Hit| material.at(&mesh, hit.triangle, hit.barycentric).rho_s.y;
-    let logarithmic = |v: f32, low: f32, high: f32| {
-        viridis(f64::from((v.max(1e-9) / low).ln() / (high / low).ln()))
-    };
-    views.push(seen.view("roughness alpha", range(0.02, 1.0), |hit| {
-        logarithmic(alpha(hit), 0.02, 1.0)
-    }));
+    views.push(seen.scalar("roughness alpha", (0.02, 1.0), alpha));
     let strongest = quantile(
         &mut table.rho_s.iter().map(|r| r[1]).collect::<Vec<_>>(),
         0.95,
     )
     .max(0.1);
-    views.push(seen.view(
-        "specular albedo",
-        range(0.01 * strongest, strongest),
-        |hit| logarithmic(rho_s(hit), 0.01 * strongest, strongest),
-    ));
+    let range = (0.01 * strongest, strongest);
+    views.push(seen.scalar("specular albedo, green", range, rho_s));
 
     let on_vertices =
         matches!(scene.material.alpha, MapSource::Vertex(_)) && table.len() == mesh.positions.len();
@@ -86,20 +91,21 @@ pub(super) fn parameter_views(
             .zip(&table.alpha)
             .map(|(s, a)| (s / a).clamp(1e-3, 10.0))
             .collect();
-        views.push(seen.view(
-            "standard deviation of alpha, relative",
-            range(0.01, 1.0),
-            |hit| {
-                logarithmic(
-                    mesh.interpolate(&relative, hit.triangle, hit.barycentric),
-                    0.01,
-                    1.0,
-                )
-            },
-        ));
+        let title = "standard deviation of alpha, relative";
+        views.push(seen.scalar(title, (0.01, 1.0), |hit| {
+            mesh.interpolate(&relative, hit.triangle, hit.barycentric)
+        }));
+        // Points without a fit have no residual: they stay grey.
+        let residual: Vec<f32> = (table.residual.iter().zip(&table.status))
+            .map(|(&r, &status)| if status <= 2 { r } else { f32::NAN })
+            .collect();
+        let title = "residual, relative to the observation";
+        views.push(seen.scalar(title, (0.003, 0.3), |hit| {
+            mesh.interpolate(&residual, hit.triangle, hit.barycentric)
+        }));
         views.push(seen.view(
             "how each point ended",
-            "colours as in the table of counts".to_owned(),
+            Legend::Words("colours as in the table of counts"),
             |hit| {
                 let (u, v) = (hit.barycentric.x, hit.barycentric.y);
                 let nearest = if u > v {
@@ -116,10 +122,6 @@ pub(super) fn parameter_views(
         ));
     }
     Ok(views)
-}
-
-fn range(low: f32, high: f32) -> String {
-    format!("{} dark to {} bright, logarithmic", short(low), short(high))
 }
 
 /// The value below which a share of the finite values lies; 0 if there are none.
@@ -182,10 +184,25 @@ impl Seen {
         }
     }
 
+    /// A number in colours, logarithmic between two values; NaN is grey.
+    fn scalar(
+        &self,
+        title: &'static str,
+        (low, high): (f32, f32),
+        value: impl Fn(&Hit) -> f32,
+    ) -> ParameterView {
+        self.view(title, Legend::Scale { low, high }, |hit| {
+            // Not max(): it would turn NaN into the floor.
+            let v = value(hit);
+            let v = if v < 1e-9 { 1e-9 } else { v };
+            viridis(f64::from((v / low).ln() / (high / low).ln()))
+        })
+    }
+
     fn view(
         &self,
         title: &'static str,
-        legend: String,
+        legend: Legend,
         colour: impl Fn(&Hit) -> [u8; 3],
     ) -> ParameterView {
         let shade = |hit: &Hit| {
