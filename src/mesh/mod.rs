@@ -2,7 +2,7 @@
 //!
 //! A file becomes a [`Surface`] (its content, in f64), and a surface becomes a [`Mesh`] (checked,
 //! repaired, in its own frame, in f32) with a [`MeshReport`] of what was found on the way.
-//! [`vertex_points`] and [`texel_points`] pick the points of a mesh at which materials are measured.
+//! [`PointSet`] picks the points of a mesh at which materials are measured.
 
 use std::collections::BTreeMap;
 use std::path::Path;
