@@ -103,6 +103,11 @@ fn white_furnace_returns_one() {
     assert!(farthest < 0.05, "one pixel is off by {farthest}");
 }
 
+fn expect_success(run: &std::process::Output) {
+    let errors = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{errors}");
+}
+
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
@@ -119,11 +124,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
             "8",
         ];
         let run = turnlight(&[&words[..], &["--threads", threads]].concat());
-        assert!(
-            run.status.success(),
-            "{}",
-            String::from_utf8_lossy(&run.stderr)
-        );
+        expect_success(&run);
         let fit = at("fit", threads);
         let words = [
             "fit",
@@ -134,11 +135,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
             threads,
         ];
         let run = turnlight(&words);
-        assert!(
-            run.status.success(),
-            "{}",
-            String::from_utf8_lossy(&run.stderr)
-        );
+        expect_success(&run);
     }
     for threads in ["2", "5"] {
         assert!(

@@ -93,8 +93,15 @@ pub(super) fn lobes(estimates: &[Estimate], neighbours: &[Vec<u32>]) -> Vec<Appe
         .collect()
 }
 
+/// Gives every point a diffuse albedo: its own where it has one, its neighbours' elsewhere.
+pub(super) fn complete(looks: &mut [Appearance], rho_d: &[Option<Vec3>], neighbours: &[Vec<u32>]) {
+    for (look, rho_d) in looks.iter_mut().zip(fill_diffuse(rho_d, neighbours)) {
+        look.rho_d = rho_d;
+    }
+}
+
 /// Diffuse albedos without gaps.
-pub(super) fn fill_diffuse(rho_d: &[Option<Vec3>], neighbours: &[Vec<u32>]) -> Vec<Vec3> {
+fn fill_diffuse(rho_d: &[Option<Vec3>], neighbours: &[Vec<u32>]) -> Vec<Vec3> {
     let known: Vec<bool> = rho_d.iter().map(Option::is_some).collect();
     fill(
         rho_d.iter().map(|value| (value.unwrap_or_default(), 1.0)),

@@ -25,7 +25,7 @@ pub struct FitStats {
     pub points: u64,
     /// Points seen at least once; only these are fitted.
     pub seen: u64,
-    /// Points whose hemisphere is open: no occlusion, no interreflection.
+    /// Points whose hemisphere is open, or was not asked for: no occlusion, no interreflection.
     pub open: u64,
     /// Points whose lobe the data do not determine well enough; they are rendered with their
     /// neighbours'.
@@ -119,12 +119,7 @@ fn fit_by_gradient(
         .iter()
         .map(|e| e.diffuse_is_known().then_some(e.rho_d))
         .collect();
-    for (look, rho_d) in appearance
-        .iter_mut()
-        .zip(appearance::fill_diffuse(&rho_d, neighbours))
-    {
-        look.rho_d = rho_d;
-    }
+    appearance::complete(&mut appearance, &rho_d, neighbours);
     Fit {
         estimates,
         appearance,
@@ -273,12 +268,7 @@ fn fit_in_full(
             full::diffuse_beside(trace, columns, &noise, lobe)
         })
         .collect();
-    for (look, rho_d) in appearance
-        .iter_mut()
-        .zip(appearance::fill_diffuse(&rho_d, neighbours))
-    {
-        look.rho_d = rho_d;
-    }
+    appearance::complete(&mut appearance, &rho_d, neighbours);
     Fit {
         estimates,
         appearance,

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::appearance::is_precise;
 use super::columns::{Columns, ROUGHNESSES, roughness};
-use super::least_squares::{Normal, UNKNOWNS};
+use super::least_squares::{Normal, UNKNOWNS, inverse_diagonal};
 use super::noise::{NU, NoiseModel, deviation};
 use super::{Estimate, FitSettings, SpecularColour, Status};
 use crate::brdf::Ndf;
@@ -240,33 +240,37 @@ impl<'a> Problem<'a> {
 
     /// The smallest residual over alpha under one NDF, weights and scale in step with it.
     fn minimise(&self, ndf: Ndf) -> Minimum {
-        let mut weights = vec![1.0; self.precisions.len()];
-        for round in 0.. {
-            let fixed = self.fixed(&weights);
-            let value = |ln_alpha: f32| self.project(ndf, ln_alpha, &fixed, &weights).1;
-            let ln_alpha = minimise_over_alpha(value);
-            let (x, _) = self.project(ndf, ln_alpha, &fixed, &weights);
-            let rho_d = DVec3::new(x[0], x[1], x[2]);
-            let rho_s = match self.colour {
-                SpecularColour::Neutral => DVec3::splat(x[3]),
-                SpecularColour::Rgb => DVec3::new(x[3], x[4], x[5]),
-            };
-            let squares = self.squares(ndf, ln_alpha, rho_d, rho_s);
-            let (next, scale) = self.reweigh(&squares, &weights, self.unknowns());
-            if round == ROUNDS {
-                return Minimum {
-                    ndf,
-                    ln_alpha,
-                    rho_d,
-                    rho_s,
-                    weights,
-                    squares,
-                    scale,
-                };
-            }
-            weights = next;
+        let even = vec![1.0; self.precisions.len()];
+        let (mut minimum, mut weights) = self.minimise_weighted(ndf, even);
+        for _ in 0..ROUNDS {
+            (minimum, weights) = self.minimise_weighted(ndf, weights);
         }
-        unreachable!("the loop ends by its count")
+        minimum
+    }
+
+    /// The smallest residual by given weights, and the weights that its residuals ask for.
+    fn minimise_weighted(&self, ndf: Ndf, weights: Vec<f64>) -> (Minimum, Vec<f64>) {
+        let fixed = self.fixed(&weights);
+        let ln_alpha =
+            minimise_over_alpha(|ln_alpha| self.project(ndf, ln_alpha, &fixed, &weights).1);
+        let (x, _) = self.project(ndf, ln_alpha, &fixed, &weights);
+        let rho_d = DVec3::new(x[0], x[1], x[2]);
+        let rho_s = match self.colour {
+            SpecularColour::Neutral => DVec3::splat(x[3]),
+            SpecularColour::Rgb => DVec3::new(x[3], x[4], x[5]),
+        };
+        let squares = self.squares(ndf, ln_alpha, rho_d, rho_s);
+        let (next, scale) = self.reweigh(&squares, &weights, self.unknowns());
+        let minimum = Minimum {
+            ndf,
+            ln_alpha,
+            rho_d,
+            rho_s,
+            weights,
+            squares,
+            scale,
+        };
+        (minimum, next)
     }
 
     /// `[observations]` squared distances `rᵀ P r` of the residuals.
@@ -439,81 +443,9 @@ fn golden_section(mut low: f32, mut high: f32, value: impl Fn(f32) -> f64) -> f3
         .0
 }
 
-/// Diagonal of the inverse of a symmetric positive semi-definite matrix; infinite for unknowns that
-/// it does not determine.
-///
-/// Scaled to a unit diagonal first, then inverted by Gauss–Jordan steps on the largest remaining
-/// pivot. A pivot below 1e-10 means that the column depends on the others to rounding: all
-/// unknowns that take part are undetermined.
-fn inverse_diagonal(matrix: Vec<Vec<f64>>) -> Vec<f64> {
-    let n = matrix.len();
-    let scale: Vec<f64> = (0..n).map(|i| matrix[i][i].max(0.0).sqrt()).collect();
-    let known: Vec<usize> = (0..n).filter(|&i| scale[i] > 0.0).collect();
-    let m = known.len();
-    let mut a: Vec<Vec<f64>> = (0..m)
-        .map(|i| {
-            let row =
-                (0..m).map(|j| matrix[known[i]][known[j]] / (scale[known[i]] * scale[known[j]]));
-            row.chain((0..m).map(|j| if i == j { 1.0 } else { 0.0 }))
-                .collect()
-        })
-        .collect();
-    let mut open: Vec<usize> = (0..m).collect();
-    let mut variances = vec![f64::INFINITY; n];
-    while let Some(place) =
-        (0..open.len()).max_by(|&x, &y| a[open[x]][open[x]].total_cmp(&a[open[y]][open[y]]))
-    {
-        let pivot = open.swap_remove(place);
-        if a[pivot][pivot] < 1e-10 {
-            // Everything still open, and whatever is coupled to it, is undetermined.
-            open.push(pivot);
-            for i in (0..m).filter(|i| !open.contains(i)) {
-                if open.iter().all(|&j| a[i][j].abs() < 1e-6) {
-                    variances[known[i]] = a[i][m + i] / (scale[known[i]] * scale[known[i]]);
-                }
-            }
-            return variances;
-        }
-        let inverse = 1.0 / a[pivot][pivot];
-        a[pivot].iter_mut().for_each(|v| *v *= inverse);
-        let row = a[pivot].clone();
-        for (i, other) in a.iter_mut().enumerate().filter(|(i, _)| *i != pivot) {
-            let factor = other[pivot];
-            debug_assert!(i != pivot);
-            other
-                .iter_mut()
-                .zip(&row)
-                .for_each(|(v, r)| *v -= factor * r);
-        }
-    }
-    for i in 0..m {
-        variances[known[i]] = a[i][m + i] / (scale[known[i]] * scale[known[i]]);
-    }
-    variances
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn inverse_diagonal_of_a_known_matrix() {
-        let v = inverse_diagonal(vec![vec![4.0, 1.0], vec![1.0, 3.0]]);
-        assert!((v[0] - 3.0 / 11.0).abs() < 1e-12 && (v[1] - 4.0 / 11.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn dependent_unknowns_are_undetermined_and_others_are_not() {
-        // Unknowns 0 and 1 only occur as a sum; 2 stands alone; 3 does not occur.
-        let v = inverse_diagonal(vec![
-            vec![1.0, 1.0, 0.0, 0.0],
-            vec![1.0, 1.0, 0.0, 0.0],
-            vec![0.0, 0.0, 4.0, 0.0],
-            vec![0.0; 4],
-        ]);
-        assert!(v[0].is_infinite() && v[1].is_infinite() && v[3].is_infinite());
-        assert!((v[2] - 0.25).abs() < 1e-12);
-    }
 
     #[test]
     fn golden_section_finds_inner_and_end_minima() {

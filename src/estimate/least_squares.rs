@@ -180,6 +180,59 @@ impl Normal {
     }
 }
 
+/// Diagonal of the inverse of a symmetric positive semi-definite matrix; infinite for unknowns that
+/// it does not determine.
+///
+/// Scaled to a unit diagonal first, then inverted by Gauss–Jordan steps on the largest remaining
+/// pivot. A pivot below 1e-10 means that the column depends on the others to rounding: all
+/// unknowns that take part are undetermined.
+pub(super) fn inverse_diagonal(matrix: Vec<Vec<f64>>) -> Vec<f64> {
+    let n = matrix.len();
+    let scale: Vec<f64> = (0..n).map(|i| matrix[i][i].max(0.0).sqrt()).collect();
+    let known: Vec<usize> = (0..n).filter(|&i| scale[i] > 0.0).collect();
+    let m = known.len();
+    let mut a: Vec<Vec<f64>> = (0..m)
+        .map(|i| {
+            let row =
+                (0..m).map(|j| matrix[known[i]][known[j]] / (scale[known[i]] * scale[known[j]]));
+            row.chain((0..m).map(|j| if i == j { 1.0 } else { 0.0 }))
+                .collect()
+        })
+        .collect();
+    let mut open: Vec<usize> = (0..m).collect();
+    let mut variances = vec![f64::INFINITY; n];
+    while let Some(place) =
+        (0..open.len()).max_by(|&x, &y| a[open[x]][open[x]].total_cmp(&a[open[y]][open[y]]))
+    {
+        let pivot = open.swap_remove(place);
+        if a[pivot][pivot] < 1e-10 {
+            // Everything still open, and whatever is coupled to it, is undetermined.
+            open.push(pivot);
+            for i in (0..m).filter(|i| !open.contains(i)) {
+                if open.iter().all(|&j| a[i][j].abs() < 1e-6) {
+                    variances[known[i]] = a[i][m + i] / (scale[known[i]] * scale[known[i]]);
+                }
+            }
+            return variances;
+        }
+        let inverse = 1.0 / a[pivot][pivot];
+        a[pivot].iter_mut().for_each(|v| *v *= inverse);
+        let row = a[pivot].clone();
+        for (i, other) in a.iter_mut().enumerate().filter(|(i, _)| *i != pivot) {
+            let factor = other[pivot];
+            debug_assert!(i != pivot);
+            other
+                .iter_mut()
+                .zip(&row)
+                .for_each(|(v, r)| *v -= factor * r);
+        }
+    }
+    for i in 0..m {
+        variances[known[i]] = a[i][m + i] / (scale[known[i]] * scale[known[i]]);
+    }
+    variances
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -235,6 +288,25 @@ mod tests {
         assert!(x.iter().all(|r| r.is_finite() && *r >= 0.0));
         // Only the sum is determined: Σ d / Σ d² = 10/30.
         assert!((x[0] + 2.0 * x[3] - 1.0 / 3.0).abs() < 1e-9, "{x:?}");
+    }
+
+    #[test]
+    fn inverse_diagonal_of_a_known_matrix() {
+        let v = inverse_diagonal(vec![vec![4.0, 1.0], vec![1.0, 3.0]]);
+        assert!((v[0] - 3.0 / 11.0).abs() < 1e-12 && (v[1] - 4.0 / 11.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn dependent_unknowns_are_undetermined_and_others_are_not() {
+        // Unknowns 0 and 1 only occur as a sum; 2 stands alone; 3 does not occur.
+        let v = inverse_diagonal(vec![
+            vec![1.0, 1.0, 0.0, 0.0],
+            vec![1.0, 1.0, 0.0, 0.0],
+            vec![0.0, 0.0, 4.0, 0.0],
+            vec![0.0; 4],
+        ]);
+        assert!(v[0].is_infinite() && v[1].is_infinite() && v[3].is_infinite());
+        assert!((v[2] - 0.25).abs() < 1e-12);
     }
 
     proptest! {
