@@ -98,10 +98,32 @@ impl Dichromatic {
         if specular == 0.0 {
             return diffuse_pdf;
         }
-        let Some((wm, _)) = half_vector(wi, wo) else {
-            return diffuse_pdf;
+        diffuse_pdf + specular * self.pdf_specular(wi, wo)
+    }
+
+    /// A direction to the light from the specular lobe alone, by visible normals; `u_ndf` chooses
+    /// between the NDFs. `None` where it points below the surface.
+    #[inline]
+    pub fn sample_specular(&self, wo: Local, u_ndf: f32, u: Vec2) -> Option<Local> {
+        let ndf = if u_ndf < self.ggx {
+            Ndf::Ggx
+        } else {
+            Ndf::Beckmann
         };
-        diffuse_pdf + specular * self.mix(|ndf| ndf.pdf_reflected(wo, wm, self.alpha))
+        let wm = ndf.sample_visible(wo, self.alpha, u).0;
+        let wi = Local((2.0 * wo.0.dot(wm) * wm - wo.0).normalize());
+        (wi.0.z > 0.0).then_some(wi)
+    }
+
+    /// Density with which [`Dichromatic::sample_specular`] returns `wi`, per steradian.
+    #[inline]
+    pub fn pdf_specular(&self, wi: Local, wo: Local) -> f32 {
+        if wi.0.z <= 0.0 || wo.0.z <= 0.0 {
+            return 0.0;
+        }
+        half_vector(wi, wo).map_or(0.0, |(wm, _)| {
+            self.mix(|ndf| ndf.pdf_reflected(wo, wm, self.alpha))
+        })
     }
 
     /// Draws a direction to the light: one lobe by its estimated share of the reflected light,
@@ -114,14 +136,8 @@ impl Dichromatic {
         }
         let specular = self.specular_probability(wo);
         let wi = if u_lobe < specular {
-            // The lobe variate is uniform again within its stratum: it chooses the NDF.
-            let ndf = if u_lobe < specular * self.ggx {
-                Ndf::Ggx
-            } else {
-                Ndf::Beckmann
-            };
-            let wm = ndf.sample_visible(wo, self.alpha, u).0;
-            Local((2.0 * wo.0.dot(wm) * wm - wo.0).normalize())
+            // The lobe variate is uniform again within its stratum.
+            self.sample_specular(wo, u_lobe / specular, u)?
         } else {
             cosine_hemisphere(u)
         };

@@ -3,10 +3,12 @@
 //! The map is a function on the sphere, bilinear between texel centres, periodic in longitude and
 //! clamped towards the poles; everything here (look-up, sampling, pyramid) sees that one function.
 
+mod clusters;
 mod environment;
 mod pyramid;
 mod repair;
 
+pub use clusters::LightClusters;
 pub use environment::{Environment, LightSample, TurnedLight};
 pub use pyramid::{LightNode, LightPyramid};
 pub use repair::{ProbeError, ProbeReport, repair};

@@ -3,7 +3,8 @@
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::integrator::radiance;
+use super::guide::FrameLight;
+use super::integrator::{Illuminated, PixelGuides};
 use super::{RenderStats, Stage};
 use crate::image::{Channel, Mask, RgbImage};
 use crate::rig::View;
@@ -94,7 +95,13 @@ pub fn render_frame(
     let camera = &stage.scene().camera;
     let (width, height) = (camera.width, camera.height);
     let view = stage.view(angle);
-    let light = stage.environment.turned(view.world_from_object());
+    let world_from_object = view.world_from_object();
+    let illuminated = Illuminated {
+        stage,
+        light: FrameLight::new(&stage.environment, &stage.clusters, world_from_object),
+        world_from_object,
+        bounces: settings.bounces,
+    };
 
     let covered = covered_pixels(stage, &view, width, height);
 
@@ -104,6 +111,7 @@ pub fn render_frame(
             return Pixel::BACKGROUND;
         }
         let mut sum = DVec3::ZERO;
+        let mut guides = PixelGuides::default();
         let mut hits = 0;
         for index in 0..settings.samples_per_pixel {
             let mut path = SobolPath::new(settings.seed, number, (y * width + x) as u32, index);
@@ -117,7 +125,8 @@ pub fn render_frame(
             stats.closest_rays += 1;
             if let Some(hit) = stage.accel.closest_hit(&ray, f32::INFINITY) {
                 hits += 1;
-                sum += radiance(stage, &light, ray, hit, settings.bounces, &mut path, stats)
+                sum += illuminated
+                    .radiance(ray, hit, &mut guides, &mut path, stats)
                     .as_dvec3();
             }
         }

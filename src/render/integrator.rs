@@ -1,102 +1,186 @@
-//! One path: next-event estimation and BSDF sampling joined by multiple importance sampling.
+//! One path, guided by where light and blockers are.
 //!
 //! ```text
 //! L(x, ω_o) = ∫ f(ω_i, ω_o; x) [ V E(ω_i) + (1 − V) L(x', −ω_i) ] (n·ω_i)+ dω_i          (Eq. 4)
 //! ```
 //!
-//! Each bounce draws one direction from the light and one from the lobe; both estimate the direct
-//! term with power-heuristic weights (Veach 1997), and the second carries the path on where it
-//! meets the object again. The camera's own ray sees no background.
+//! At each surface interaction the diffuse answer of an open point comes from a table and one direction
+//! is drawn for the rest (see [`super::guide`]); where it meets the object again, the path goes on
+//! there. The camera's own ray sees no background.
 
-use glam::Vec3;
+use std::f32::consts::FRAC_1_PI;
 
+use glam::{Mat3, Vec2, Vec3};
+
+use super::guide::{FrameLight, Guide, Surface};
+use super::patches::leave;
 use super::{RenderStats, Stage};
 use crate::accel::Hit;
-use crate::geometry::{Frame, Ray, offset_origin};
-use crate::probe::TurnedLight;
-use crate::sampling::{SobolPath, as_points, power_heuristic};
+use crate::geometry::{Frame, Ray};
+use crate::sampling::{SobolPath, as_points};
 
-/// From this many bounces on, paths end by Russian roulette. Before, nearly every path of an
-/// object with albedo around ½ still matters and roulette only adds noise.
-const ROULETTE_FROM_BOUNCE: u32 = 4;
+/// Where what is left to sample is expected to be a smaller part of the pixel than this, it is
+/// sampled with a probability in proportion.
+const NEGLIGIBLE: f32 = 0.1;
+/// The smallest such probability: bounds what a wrong expectation costs.
+const SMALLEST_SURVIVAL: f32 = 0.1;
 
-/// Radiance along a camera ray that met the object at `hit`, linear RGB.
-///
-/// `bounces` is the largest number of surface interactions: 1 is direct light only.
-pub(super) fn radiance(
-    stage: &Stage,
-    light: &TurnedLight<'_>,
-    mut ray: Ray,
-    mut hit: Hit,
-    bounces: u32,
-    path: &mut SobolPath,
-    stats: &mut RenderStats,
-) -> Vec3 {
-    let mesh = &stage.mesh;
-    let mut radiance = Vec3::ZERO;
-    let mut throughput = Vec3::ONE;
-    for bounce in 1..=bounces {
-        // The surface here. Seen from behind its shading normal it is black.
-        let barycentric = glam::Vec2::new(hit.u, hit.v);
-        let frame = Frame::about(mesh.normal_at(hit.triangle, barycentric));
-        let wo = frame.to_local(-ray.direction);
-        if wo.cos_theta() <= 0.0 {
-            break;
-        }
-        stats.bounces += 1;
-        let position = mesh.position_at(hit.triangle, barycentric);
-        let side = mesh.geometric_normal(hit.triangle);
-        let leave = |direction: Vec3| {
-            let outwards = if side.dot(direction) < 0.0 {
-                -side
-            } else {
-                side
-            };
-            Ray {
-                origin: offset_origin(position, outwards),
-                direction,
+/// A frame as the integrator sees it.
+pub(super) struct Illuminated<'a> {
+    pub(super) stage: &'a Stage,
+    pub(super) light: FrameLight<'a>,
+    pub(super) world_from_object: Mat3,
+    /// Largest number of surface interactions: 1 is direct light only.
+    pub(super) bounces: u32,
+}
+
+/// Guides of the camera's hits in one pixel, by patch. Later samples of the pixel use the guide that
+/// the first hit on their patch was given.
+#[derive(Default)]
+pub(super) struct PixelGuides {
+    known: Vec<(u32, Guide)>,
+}
+
+impl PixelGuides {
+    /// Guides kept; a pixel that sees more patches than this weighs them again.
+    const KEPT: usize = 4;
+}
+
+impl Illuminated<'_> {
+    /// Radiance along a camera ray that met the object at `hit`, linear RGB: an unbiased estimate,
+    /// which may be negative where the object hides light that the table holds.
+    pub(super) fn radiance(
+        &self,
+        ray: Ray,
+        hit: Hit,
+        guides: &mut PixelGuides,
+        path: &mut SobolPath,
+        stats: &mut RenderStats,
+    ) -> Vec3 {
+        let stage = self.stage;
+        let mesh = &stage.mesh;
+        let (mut ray, mut hit) = (ray, hit);
+        let mut radiance = Vec3::ZERO;
+        let mut throughput = Vec3::ONE;
+        // What the whole path is expected to bring, summed over RGB.
+        let mut expected = 0.0;
+        for bounce in 1..=self.bounces {
+            // The surface here. Seen from behind its shading normal it is black.
+            let barycentric = Vec2::new(hit.u, hit.v);
+            let frame = Frame::about(mesh.normal_at(hit.triangle, barycentric));
+            let wo = frame.to_local(-ray.direction);
+            if wo.cos_theta() <= 0.0 {
+                break;
             }
-        };
-        let brdf = stage.material.at(mesh, hit.triangle, barycentric);
-        let (u_light, u_brdf) = as_points(path.next_4d());
-        let [u_lobe, u_roulette, ..] = path.next_4d();
+            stats.bounces += 1;
+            let brdf = stage.material.at(mesh, hit.triangle, barycentric);
+            let surface = Surface {
+                frame,
+                wo,
+                brdf: &brdf,
+            };
+            let number = stage.patches.of(hit.triangle);
+            let patch = stage.patches.get(number, mesh, &stage.accel);
+            let go_on = bounce < self.bounces;
+            let guide_here =
+                || Guide::new(&surface, patch, &self.light, &stage.middles, go_on);
+            let own;
+            let guide = if bounce == 1 {
+                guides.of(number, guide_here)
+            } else {
+                own = guide_here();
+                &own
+            };
 
-        // A direction towards the light.
-        if let Some(sample) = light.sample(position, u_light) {
-            let wi = frame.to_local(sample.wi);
-            let reflected = brdf.eval(wi, wo) * wi.cos_theta();
-            if reflected != Vec3::ZERO {
+            // The diffuse answer of an open point.
+            if guide.control {
+                let facing = (self.world_from_object * frame.normal).normalize();
+                let reflected =
+                    throughput * brdf.rho_d * FRAC_1_PI * stage.irradiance.at(facing);
+                radiance += reflected;
+                if bounce == 1 {
+                    expected += reflected.element_sum();
+                }
+            }
+
+            // The rest, if it matters: one direction of the guide's mixture.
+            let (u, other) = as_points(path.next_4d());
+            let to_find = guide.expected * throughput.max_element();
+            if bounce == 1 {
+                expected += to_find;
+            }
+            let survival = (to_find / (NEGLIGIBLE * expected)).clamp(SMALLEST_SURVIVAL, 1.0);
+            if !(other.y < survival) {
+                break;
+            }
+            let Some(direction) = guide.sample(&surface, &self.light, u, other.x) else {
+                break;
+            };
+            let wi = frame.to_local(direction);
+            if wi.0.z <= 0.0 {
+                break;
+            }
+            let density = survival * guide.density(&surface, &self.light, direction, wi);
+            if density <= 0.0 {
+                break;
+            }
+            let reflected = brdf.eval(wi, wo) * wi.0.z;
+            let tabulated = if guide.control {
+                brdf.rho_d * (FRAC_1_PI * wi.0.z)
+            } else {
+                Vec3::ZERO
+            };
+
+            // Is the light seen there, or the object?
+            let side = mesh.geometric_normal(hit.triangle);
+            let position = mesh.position_at(hit.triangle, barycentric);
+            let next_ray = leave(position, side, direction);
+            let above = side.dot(direction) > 0.0 && side.dot(ray.direction) < 0.0;
+            let met = if patch.convex && above {
+                stats.proven_open += 1;
+                None
+            } else if go_on {
+                stats.closest_rays += 1;
+                stage.accel.closest_hit(&next_ray, f32::INFINITY).map(Some)
+            } else {
                 stats.shadow_rays += 1;
-                if !stage.accel.occluded(&leave(sample.wi), f32::INFINITY) {
-                    let weight = power_heuristic(sample.pdf, brdf.pdf(wi, wo)) / sample.pdf;
-                    radiance += throughput * reflected * sample.radiance * weight;
+                stage.accel.occluded(&next_ray, f32::INFINITY).then_some(None)
+            };
+            let light = |of: Vec3| {
+                if of == Vec3::ZERO {
+                    return Vec3::ZERO;
+                }
+                of * self.light.light.radiance(position, direction) / density
+            };
+            match met {
+                None => {
+                    radiance += throughput * light(reflected - tabulated);
+                    break;
+                }
+                Some(next) => {
+                    radiance -= throughput * light(tabulated);
+                    let Some(next) = next else { break };
+                    throughput *= reflected / density;
+                    (ray, hit) = (next_ray, next);
                 }
             }
         }
-
-        // A direction from the lobe: it meets the light, or the object again.
-        let Some(sample) = brdf.sample(wo, u_lobe, u_brdf) else {
-            break;
-        };
-        throughput *= sample.weight;
-        ray = leave(frame.from_local(sample.wi));
-        stats.closest_rays += 1;
-        match stage.accel.closest_hit(&ray, f32::INFINITY) {
-            None => {
-                let weight = power_heuristic(sample.pdf, light.pdf(position, ray.direction));
-                radiance += throughput * light.radiance(position, ray.direction) * weight;
-                break;
-            }
-            Some(next) => hit = next,
-        }
-
-        if bounce >= ROULETTE_FROM_BOUNCE {
-            let survival = throughput.max_element().min(0.95);
-            if u_roulette >= survival {
-                break;
-            }
-            throughput /= survival;
-        }
+        radiance
     }
-    radiance
+}
+
+impl PixelGuides {
+    fn of(&mut self, patch: u32, make: impl FnOnce() -> Guide) -> &Guide {
+        let place = match self.known.iter().position(|(known, _)| *known == patch) {
+            Some(place) => place,
+            None => {
+                if self.known.len() == Self::KEPT {
+                    self.known.remove(0);
+                }
+                self.known.push((patch, make()));
+                self.known.len() - 1
+            }
+        };
+        &self.known[place].1
+    }
 }

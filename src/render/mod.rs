@@ -1,7 +1,10 @@
 //! The forward renderer: a path tracer over turntable poses.
 
 mod frame;
+mod guide;
+mod halfspace;
 mod integrator;
+mod patches;
 mod sensor;
 mod sequence;
 mod stage;

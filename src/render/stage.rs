@@ -2,9 +2,13 @@
 
 use glam::DAffine3;
 
+use super::guide::{CellMiddles, LIGHTS};
+use super::patches::Patches;
+
 use crate::accel::Accel;
 use crate::mesh::Mesh;
-use crate::probe::Environment;
+use crate::prefilter::Irradiance;
+use crate::probe::{Environment, LightClusters, LightPyramid};
 use crate::rig::View;
 use crate::scene::{AssetError, MaterialField, Scene};
 
@@ -18,6 +22,13 @@ pub struct Stage {
     pub material: MaterialField,
     /// The light, world frame.
     pub environment: Environment,
+    /// The light in patches.
+    pub(super) clusters: LightClusters,
+    /// What open surfaces receive.
+    pub(super) irradiance: Irradiance,
+    /// Where the object blocks its own light.
+    pub(super) patches: Patches,
+    pub(super) middles: CellMiddles,
     scene: Scene,
 }
 
@@ -38,6 +49,10 @@ impl Stage {
         .collect();
         Ok((
             Self {
+                clusters: LightClusters::new(&environment, LIGHTS),
+                irradiance: Irradiance::new(&LightPyramid::new(&environment)),
+                patches: Patches::new(&mesh),
+                middles: CellMiddles::new(),
                 mesh,
                 accel,
                 material,

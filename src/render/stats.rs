@@ -13,6 +13,8 @@ pub struct RenderStats {
     pub closest_rays: u64,
     /// Occlusion queries.
     pub shadow_rays: u64,
+    /// Directions above a plane that nothing of the mesh rises above: no ray was needed.
+    pub proven_open: u64,
     /// Surface interactions shaded.
     pub bounces: u64,
     /// Pixels skipped because no triangle projects onto them.
@@ -24,6 +26,7 @@ impl AddAssign for RenderStats {
         self.paths += other.paths;
         self.closest_rays += other.closest_rays;
         self.shadow_rays += other.shadow_rays;
+        self.proven_open += other.proven_open;
         self.bounces += other.bounces;
         self.background_pixels += other.background_pixels;
     }

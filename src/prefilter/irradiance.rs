@@ -1,0 +1,124 @@
+//! Light that falls on an unoccluded surface of any normal.
+
+use glam::{Vec3, Vec3A};
+use rayon::prelude::*;
+
+use super::cube::CubeGrid;
+use crate::probe::LightPyramid;
+
+/// Samples of the map lie this far apart, radians. The cosine kernel is smooth but for the horizon,
+/// so that 0.035 leaves 0.01 % in the median and 0.1 % at worst under the shipped probes.
+const SPACING: f32 = 0.035;
+/// Largest spread of a light node, radians: its error is of second order, 1e-4 at 0.02.
+const FINEST: f32 = 0.02;
+
+/// `I(n) = ∫ E(ω) (n·ω)+ dω` of a distant light, world frame, linear RGB.
+#[derive(Clone, Debug)]
+pub struct Irradiance {
+    grid: CubeGrid,
+    samples: Vec<Vec3A>,
+}
+
+impl Irradiance {
+    /// Tabulates a light.
+    pub fn new(pyramid: &LightPyramid) -> Self {
+        // The nodes that stand for the light: as coarse as the cosine allows.
+        let mut nodes: Vec<(Vec3A, Vec3A)> = Vec::new();
+        let mut waiting: Vec<u32> = pyramid.roots().map(|root| root as u32).collect();
+        while let Some(index) = waiting.pop() {
+            let node = &pyramid.nodes()[index as usize];
+            if node.children == 0 || node.spread <= FINEST {
+                nodes.push((node.direction.into(), node.flux.into()));
+            } else {
+                waiting.extend(node.first_child..node.first_child + node.children);
+            }
+        }
+        let grid = CubeGrid::with_spacing(SPACING);
+        let samples = (0..grid.samples())
+            .into_par_iter()
+            .map(|index| {
+                let normal = Vec3A::from(grid.direction(index));
+                nodes
+                    .iter()
+                    .map(|(direction, flux)| *flux * direction.dot(normal).max(0.0))
+                    .sum()
+            })
+            .collect();
+        Self { grid, samples }
+    }
+
+    /// Irradiance of a surface facing `normal` (unit, world frame), linear RGB.
+    #[inline]
+    pub fn at(&self, normal: Vec3) -> Vec3 {
+        let value = self.grid.stencil(normal).interpolate(&self.samples);
+        Vec3::from(value).max(Vec3::ZERO)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use glam::{DVec3, Mat3, Vec2};
+
+    use super::*;
+    use crate::geometry::direction_from_latlong;
+    use crate::image::RgbImage;
+    use crate::probe::Environment;
+    use crate::sampling::{SobolPath, as_points};
+
+    /// `∫ E (n·ω)+ dω` by two by two points a texel.
+    fn integral(environment: &Environment, normal: Vec3) -> Vec3 {
+        let light = environment.turned(Mat3::IDENTITY);
+        let image = environment.image();
+        let (width, height) = (2 * image.width, 2 * image.height);
+        let mut sum = DVec3::ZERO;
+        for row in 0..height {
+            let solid_angle = environment.texel_solid_angle()[row / 2] / 4.0;
+            for column in 0..width {
+                let uv = Vec2::new(
+                    (column as f32 + 0.5) / width as f32,
+                    (row as f32 + 0.5) / height as f32,
+                );
+                let direction = environment.world_from_probe() * direction_from_latlong(uv);
+                let cos = direction.dot(normal);
+                if cos > 0.0 {
+                    let arriving = light.radiance(Vec3::ZERO, direction) * cos;
+                    sum += arriving.as_dvec3() * solid_angle;
+                }
+            }
+        }
+        sum.as_vec3()
+    }
+
+    #[test]
+    fn table_is_the_integral_over_every_texel() {
+        let probes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/probes");
+        for name in ["interior.exr", "courtyard.exr", "city.exr", "studio.exr"] {
+            let image = RgbImage::read(&probes.join(name)).unwrap();
+            let (environment, _) = Environment::new(image, 0.3).unwrap();
+            let table = Irradiance::new(&LightPyramid::new(&environment));
+            let mut errors: Vec<f32> = (0..24)
+                .map(|index| {
+                    let (u, _) = as_points(SobolPath::new(3, 0, 0, index).next_4d());
+                    let normal = direction_from_latlong(Vec2::new(u.x, (1.0 - 2.0 * u.y).acos() / std::f32::consts::PI));
+                    let exact = integral(&environment, normal);
+                    (table.at(normal) - exact).length() / exact.length()
+                })
+                .collect();
+            errors.sort_by(f32::total_cmp);
+            assert!(errors[12] < 3e-4 && errors[23] < 3e-3, "{name}: {errors:?}");
+        }
+    }
+
+    #[test]
+    fn uniform_light_gives_pi() {
+        let image = RgbImage::constant(64, 32, [1.0, 2.0, 0.5]);
+        let (environment, _) = Environment::new(image, 0.0).unwrap();
+        let table = Irradiance::new(&LightPyramid::new(&environment));
+        for normal in [Vec3::Y, Vec3::new(0.6, -0.8, 0.0), Vec3::NEG_Z] {
+            let expected = Vec3::new(1.0, 2.0, 0.5) * std::f32::consts::PI;
+            assert!((table.at(normal) - expected).length() < 1e-3 * expected.length());
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! Where the object is in its own way, roughly: what paths are guided by.
+//!
+//! The surface is cut into patches of neighbouring triangles that face alike. Of every patch some six
+//! hundred rays tell, by cells of the octahedral map in the object frame, how often a direction is
+//! blocked. This only decides where samples go; whether a sample is blocked is always asked anew.
+//! Patches are explored when a path first meets them, each from its own numbers, so the result does
+//! not depend on the order.
+
+use std::sync::OnceLock;
+
+use glam::{Vec2, Vec3};
+
+use super::halfspace::VertexTree;
+use crate::accel::Accel;
+use crate::geometry::{Ray, direction_from_octahedral, offset_origin};
+use crate::mesh::Mesh;
+use crate::sampling::SobolPath;
+
+/// Cells of the direction map along its side: 12° wide. Finer ones need more rays to learn.
+pub(super) const SIDE: usize = 16;
+/// Cells of the direction map.
+pub(super) const CELLS: usize = SIDE * SIDE;
+/// Rays of a cell, along either side.
+const RAYS: usize = 2;
+/// Largest number of patches.
+const LARGEST_COUNT: usize = 8192;
+/// What a cell counts before its first ray, blocked and open: no direction is ever ruled out.
+const PRIOR: f32 = 0.1;
+
+/// What is known about one patch.
+#[derive(Debug)]
+pub(super) struct Patch {
+    /// `[cell]` probability that a direction is blocked, in (0, 1).
+    pub(super) blocked: [f32; CELLS],
+    /// Mean of that over the hemisphere, weighted by the cosine.
+    pub(super) closed: f32,
+    /// Whether nothing of the mesh rises above the plane of any triangle of the patch: directions
+    /// above the plane need no ray.
+    pub(super) convex: bool,
+}
+
+/// The patches of a mesh.
+#[derive(Debug)]
+pub struct Patches {
+    of_triangle: Vec<u32>,
+    /// Triangles by patch: patch `k` has `triangles[starts[k]..starts[k + 1]]`.
+    triangles: Vec<u32>,
+    starts: Vec<u32>,
+    patches: Vec<OnceLock<Box<Patch>>>,
+    vertices: VertexTree,
+}
+
+impl Patches {
+    /// Cuts a mesh into patches; none is explored yet.
+    pub fn new(mesh: &Mesh) -> Self {
+        let count = mesh.triangles.len();
+        // Place and facing of each triangle, side by side; a right angle weighs as much as the
+        // object's radius.
+        let places: Vec<[f32; 6]> = (0..count as u32)
+            .map(|triangle| {
+                let [a, b, c] = mesh.triangle_positions(triangle);
+                let middle = (a + b + c) / 3.0;
+                let normal = mesh.normal_at(triangle, Vec2::splat(1.0 / 3.0));
+                [middle.x, middle.y, middle.z, normal.x, normal.y, normal.z]
+            })
+            .collect();
+        let mut triangles: Vec<u32> = (0..count as u32).collect();
+        let mut starts = Vec::new();
+        let largest = count.div_ceil(LARGEST_COUNT).max(1);
+        let mut waiting = vec![0..count];
+        while let Some(range) = waiting.pop() {
+            if range.len() <= largest {
+                starts.push(range.start as u32);
+                continue;
+            }
+            // Across the widest extent, through the median.
+            let part = &mut triangles[range.clone()];
+            let extent = |axis: usize| {
+                let values = part.iter().map(|&t| places[t as usize][axis]);
+                let (low, high) = values.fold((f32::MAX, f32::MIN), |(low, high), x| {
+                    (low.min(x), high.max(x))
+                });
+                high - low
+            };
+            let axis = (0..6)
+                .max_by(|&a, &b| extent(a).total_cmp(&extent(b)))
+                .unwrap_or(0);
+            let middle = part.len() / 2;
+            part.select_nth_unstable_by(middle, |&a, &b| {
+                let (x, y) = (places[a as usize][axis], places[b as usize][axis]);
+                x.total_cmp(&y).then(a.cmp(&b))
+            });
+            // The first half is cut next: patches come out in the order of their triangles.
+            waiting.push(range.start + middle..range.end);
+            waiting.push(range.start..range.start + middle);
+        }
+        let mut of_triangle = vec![0; count];
+        let ends = starts.iter().skip(1).copied().chain([count as u32]);
+        for (patch, (start, end)) in starts.iter().copied().zip(ends).enumerate() {
+            for &triangle in &triangles[start as usize..end as usize] {
+                of_triangle[triangle as usize] = patch as u32;
+            }
+        }
+        let patches = starts.iter().map(|_| OnceLock::new()).collect();
+        starts.push(count as u32);
+        Self {
+            of_triangle,
+            triangles,
+            starts,
+            patches,
+            vertices: VertexTree::new(&mesh.positions),
+        }
+    }
+
+    /// The number of the patch of a triangle.
+    #[inline]
+    pub(super) fn of(&self, triangle: u32) -> u32 {
+        self.of_triangle[triangle as usize]
+    }
+
+    /// A patch, explored now if it was not yet.
+    #[inline]
+    pub(super) fn get(&self, patch: u32, mesh: &Mesh, accel: &Accel) -> &Patch {
+        self.patches[patch as usize].get_or_init(|| Box::new(self.explore(patch, mesh, accel)))
+    }
+
+    fn explore(&self, patch: u32, mesh: &Mesh, accel: &Accel) -> Patch {
+        let (start, end) = (self.starts[patch as usize], self.starts[patch as usize + 1]);
+        let triangles = &self.triangles[start as usize..end as usize];
+        let normals = triangles
+            .iter()
+            .map(|&triangle| mesh.normal_at(triangle, Vec2::splat(1.0 / 3.0)));
+        let facing = normals.sum::<Vec3>().normalize_or(Vec3::Y);
+
+        let mut explored = Patch {
+            blocked: [0.5; CELLS],
+            closed: 0.0,
+            convex: triangles.iter().all(|&triangle| {
+                let [corner, ..] = mesh.triangle_positions(triangle);
+                self.vertices.is_below(corner, mesh.geometric_normal(triangle))
+            }),
+        };
+        let mut cosines = 0.0;
+        let mut number = 0;
+        for cell in 0..CELLS {
+            let corner = Vec2::new((cell % SIDE) as f32, (cell / SIDE) as f32);
+            let middle = direction_from_octahedral((corner + 0.5) / SIDE as f32);
+            // Triangles of one patch face alike within some degrees.
+            if middle.dot(facing) < -0.4 {
+                continue;
+            }
+            let mut hits = 0;
+            for ray in 0..RAYS * RAYS {
+                let [x, y, u, v] = SobolPath::new(0x9a7c, 0, patch, number).next_4d();
+                let triangle = triangles[number as usize % triangles.len()];
+                number += 1;
+                let within = Vec2::new((ray % RAYS) as f32 + x, (ray / RAYS) as f32 + y);
+                let place = (corner + within / RAYS as f32) / SIDE as f32;
+                let barycentric = if u + v > 1.0 {
+                    Vec2::new(1.0 - u, 1.0 - v)
+                } else {
+                    Vec2::new(u, v)
+                };
+                let position = mesh.position_at(triangle, barycentric);
+                let side = mesh.geometric_normal(triangle);
+                let ray = leave(position, side, direction_from_octahedral(place));
+                hits += u32::from(accel.occluded(&ray, f32::INFINITY));
+            }
+            let rays = (RAYS * RAYS) as f32;
+            let blocked = (hits as f32 + PRIOR) / (rays + 2.0 * PRIOR);
+            explored.blocked[cell] = blocked;
+            let cosine = middle.dot(facing).max(0.0);
+            explored.closed += cosine * hits as f32 / rays;
+            cosines += cosine;
+        }
+        explored.closed /= cosines;
+        explored
+    }
+}
+
+/// A ray that leaves the surface at `position` for `direction`, on whichever side of the triangle's
+/// plane that lies.
+#[inline]
+pub(super) fn leave(position: Vec3, side: Vec3, direction: Vec3) -> Ray {
+    let outwards = if side.dot(direction) < 0.0 {
+        -side
+    } else {
+        side
+    };
+    Ray {
+        origin: offset_origin(position, outwards),
+        direction,
+    }
+}
