@@ -7,8 +7,8 @@ use super::cube::CubeGrid;
 use crate::probe::LightPyramid;
 
 /// Samples of the map lie this far apart, radians. The cosine kernel is smooth but for the horizon,
-/// so that 0.035 leaves 0.01 % in the median and 0.1 % at worst under the shipped probes.
-const SPACING: f32 = 0.035;
+/// so that 0.05 leaves 0.01 % in the median and 0.4 % at worst (a lamp at the horizon) under the shipped probes.
+const SPACING: f32 = 0.05;
 /// Largest spread of a light node, radians: its error is of second order, 1e-4 at 0.02.
 const FINEST: f32 = 0.02;
 
@@ -28,7 +28,9 @@ impl Irradiance {
         while let Some(index) = waiting.pop() {
             let node = &pyramid.nodes()[index as usize];
             if node.children == 0 || node.spread <= FINEST {
-                nodes.push((node.direction.into(), node.flux.into()));
+                // The mean of the light's directions is shorter than one, and so is its cosine.
+                let mean = node.direction * (1.0 - node.spread * node.spread).max(0.0).sqrt();
+                nodes.push((mean.into(), node.flux.into()));
             } else {
                 waiting.extend(node.first_child..node.first_child + node.children);
             }
@@ -101,13 +103,16 @@ mod tests {
             let mut errors: Vec<f32> = (0..24)
                 .map(|index| {
                     let (u, _) = as_points(SobolPath::new(3, 0, 0, index).next_4d());
-                    let normal = direction_from_latlong(Vec2::new(u.x, (1.0 - 2.0 * u.y).acos() / std::f32::consts::PI));
+                    let normal = direction_from_latlong(Vec2::new(
+                        u.x,
+                        (1.0 - 2.0 * u.y).acos() / std::f32::consts::PI,
+                    ));
                     let exact = integral(&environment, normal);
                     (table.at(normal) - exact).length() / exact.length()
                 })
                 .collect();
             errors.sort_by(f32::total_cmp);
-            assert!(errors[12] < 3e-4 && errors[23] < 3e-3, "{name}: {errors:?}");
+            assert!(errors[12] < 3e-4 && errors[23] < 5e-3, "{name}: {errors:?}");
         }
     }
 

@@ -107,7 +107,11 @@ impl LightClusters {
                 let mut left = 0.0;
                 for texel in texels {
                     left += f64::from(flux[texel]);
-                    column_ends[texel] = if total > 0.0 { (left / total) as f32 } else { 0.0 };
+                    column_ends[texel] = if total > 0.0 {
+                        (left / total) as f32
+                    } else {
+                        0.0
+                    };
                 }
                 above += total;
                 row_ends.push(if cluster.flux > 0.0 {
@@ -185,13 +189,12 @@ impl LightClusters {
         let first = self.first_row[k] as usize;
         let rows = &self.row_ends[first..first + cluster.rows.len()];
         let start = row * self.width;
-        let columns =
-            &self.column_ends[start + cluster.columns.start..start + cluster.columns.end];
+        let columns = &self.column_ends[start + cluster.columns.start..start + cluster.columns.end];
         let share = |ends: &[f32], i: usize| ends[i] - if i == 0 { 0.0 } else { ends[i - 1] };
         let probability =
             share(rows, row - cluster.rows.start) * share(columns, column - cluster.columns.start);
-        let solid_angle = 2.0 * PI / self.width as f64
-            * (self.edge_cosines[row] - self.edge_cosines[row + 1]);
+        let solid_angle =
+            2.0 * PI / self.width as f64 * (self.edge_cosines[row] - self.edge_cosines[row + 1]);
         (k, probability / solid_angle as f32)
     }
 }
@@ -218,14 +221,23 @@ impl Cluster {
         let wide = columns.len() as f64 * 2.0 * PI / width as f64 * middle.sin();
         let high = rows.len() as f64 * PI / height as f64;
         let cut_columns = columns.len() > 1 && (wide >= high || rows.len() == 1);
-        let lines = if cut_columns { columns.clone() } else { rows.clone() };
+        let lines = if cut_columns {
+            columns.clone()
+        } else {
+            rows.clone()
+        };
         let mut below = 0.0;
         let mut cut = lines.start + 1;
         for line in lines.clone() {
             below += if cut_columns {
-                rows.clone().map(|row| f64::from(flux[row * width + line])).sum::<f64>()
+                rows.clone()
+                    .map(|row| f64::from(flux[row * width + line]))
+                    .sum::<f64>()
             } else {
-                columns.clone().map(|column| f64::from(flux[line * width + column])).sum()
+                columns
+                    .clone()
+                    .map(|column| f64::from(flux[line * width + column]))
+                    .sum()
             };
             if 2.0 * below >= self.flux {
                 // On the nearer side of the line that holds the middle.
@@ -235,15 +247,9 @@ impl Cluster {
         }
         let cut = cut.clamp(lines.start + 1, lines.end - 1);
         if cut_columns {
-            (
-                (columns.start..cut, rows.clone()),
-                (cut..columns.end, rows),
-            )
+            ((columns.start..cut, rows.clone()), (cut..columns.end, rows))
         } else {
-            (
-                (columns.clone(), rows.start..cut),
-                (columns, cut..rows.end),
-            )
+            ((columns.clone(), rows.start..cut), (columns, cut..rows.end))
         }
     }
 }
@@ -281,7 +287,11 @@ mod tests {
                 }
             })
             .collect();
-        let image = RgbImage { width, height, pixels };
+        let image = RgbImage {
+            width,
+            height,
+            pixels,
+        };
         Environment::new(image, 0.0).unwrap().0
     }
 
@@ -293,7 +303,10 @@ mod tests {
             assert!(clusters.len() <= count);
             let total: f32 = (0..clusters.len()).map(|k| clusters.patch(k).1).sum();
             let expected = environment.mean_radiance().element_sum() * 4.0 * std::f32::consts::PI;
-            assert!((total / expected - 1.0).abs() < 1e-4, "{count}: {total} {expected}");
+            assert!(
+                (total / expected - 1.0).abs() < 1e-4,
+                "{count}: {total} {expected}"
+            );
         }
     }
 
@@ -315,7 +328,8 @@ mod tests {
                 let (found, density) = clusters.density(direction);
                 // A sample on an edge may round into the next patch.
                 if found == k && density > 0.0 {
-                    mean += light.radiance(Vec3::ZERO, direction).element_sum() / density / n as f32;
+                    mean +=
+                        light.radiance(Vec3::ZERO, direction).element_sum() / density / n as f32;
                 }
             }
             assert!((mean / flux - 1.0).abs() < 0.02, "patch {k}: {mean} {flux}");

@@ -13,13 +13,13 @@
 
 use glam::{Mat3, Vec2, Vec3};
 
-use super::patches::{CELLS, Patch, SIDE};
+use super::patches::{CELLS, Patch, SIDE, cell_middle};
 use crate::brdf::Dichromatic;
 use crate::geometry::{Frame, Local, direction_from_octahedral, octahedral_from_direction};
 use crate::probe::{Environment, LightClusters, TurnedLight};
 
 /// Patches of light: more follow the light closer and take longer to weigh.
-pub(super) const LIGHTS: usize = 256;
+pub(super) const LIGHTS: usize = CELLS;
 /// Share of a technique at least, if it can find anything: keeps weights bounded where the
 /// expectation is wrong.
 const SMALLEST_SHARE: f32 = 0.05;
@@ -89,10 +89,8 @@ impl CellMiddles {
     pub(super) fn new() -> Self {
         let mut middles = [[0.0; CELLS]; 3];
         for cell in 0..CELLS {
-            let corner = Vec2::new((cell % SIDE) as f32, (cell / SIDE) as f32);
-            let middle = direction_from_octahedral((corner + 0.5) / SIDE as f32);
-            for axis in 0..3 {
-                middles[axis][cell] = middle[axis];
+            for (axis, coordinate) in cell_middle(cell).to_array().into_iter().enumerate() {
+                middles[axis][cell] = coordinate;
             }
         }
         Self(middles)
@@ -108,9 +106,8 @@ pub(super) struct Guide {
     pub(super) expected: f32,
     /// Shares of light patches, of blocked cells and of the lobe; they sum to 1.
     shares: [f32; 3],
-    /// Running sums of weights.
-    light_ends: [f32; LIGHTS],
-    cell_ends: [f32; CELLS],
+    lights: Weights,
+    cells: Weights,
 }
 
 /// The surface that a guide is for.
@@ -131,61 +128,67 @@ impl Guide {
     ) -> Self {
         let control = patch.closed < CLOSED;
         let lobe = ExpectedLobe::new(surface);
-        let mut blocked = [0.0; LIGHTS];
-        for (blocked, &cell) in blocked.iter_mut().zip(&light.cell) {
-            *blocked = patch.blocked[usize::from(cell)];
-        }
+        let (mut diffuse, mut specular) = ([0.0; CELLS], [0.0; CELLS]);
 
         // Light patches: the lobe where they are seen, the diffuse part where they are not (or the
         // other way round without control).
-        let mut diffuse = [0.0; LIGHTS];
-        let mut specular = [0.0; LIGHTS];
+        lobe.expect(
+            &light.directions,
+            &light.spread2,
+            &mut diffuse,
+            &mut specular,
+        );
+        let mut weights = [0.0; LIGHTS];
         for k in 0..LIGHTS {
-            let [x, y, z] = [0, 1, 2].map(|axis| light.directions[axis][k]);
-            let (d, s) = lobe.expect(x, y, z, light.spread2[k]);
-            let wanted = if control { blocked[k] } else { 1.0 - blocked[k] };
-            diffuse[k] = d * wanted * light.flux[k];
-            specular[k] = s * (1.0 - blocked[k]) * light.flux[k];
+            let blocked = patch.blocked[usize::from(light.cell[k])];
+            let wanted = if control { blocked } else { 1.0 - blocked };
+            specular[k] *= (1.0 - blocked) * light.flux[k];
+            weights[k] = diffuse[k] * wanted * light.flux[k] + specular[k];
         }
-        let mut guide = Self {
-            control,
-            expected: 0.0,
-            shares: [0.0; 3],
-            light_ends: [0.0; LIGHTS],
-            cell_ends: [0.0; CELLS],
-        };
-        let (mut lights, mut glints) = (0.0, 0.0);
-        for k in 0..LIGHTS {
-            lights += diffuse[k] + specular[k];
-            glints += specular[k];
-            guide.light_ends[k] = lights;
-        }
+        let glints = sum_of(&specular);
+        let lights = Weights::new(weights);
 
         // Blocked cells: what the object sends there is about its albedo times the mean light.
-        let mut cells = 0.0;
+        let mut weights = [0.0; CELLS];
         if indirect {
+            lobe.expect(
+                &middles.0,
+                &[CELL_SPREAD2; CELLS],
+                &mut diffuse,
+                &mut specular,
+            );
             let glow = light.mean * surface.brdf.rho_d.element_sum().clamp(0.1, 3.0) / 3.0;
-            let mut weights = [0.0; CELLS];
-            for cell in 0..CELLS {
-                let [x, y, z] = [0, 1, 2].map(|axis| middles.0[axis][cell]);
-                let (d, s) = lobe.expect(x, y, z, CELL_SPREAD2);
-                weights[cell] = (d + s) * patch.blocked[cell];
-            }
             let scale = glow * 4.0 * std::f32::consts::PI / CELLS as f32;
             for cell in 0..CELLS {
-                cells += weights[cell] * scale;
-                guide.cell_ends[cell] = cells;
+                weights[cell] = (diffuse[cell] + specular[cell]) * patch.blocked[cell] * scale;
             }
         }
+        let cells = Weights::new(weights);
 
         // The lobe takes half of what it could find; expectation over whole patches of light is poor
         // for narrow lobes.
-        let lobes = if lobe.specular > 0.0 { 0.5 * glints + 1e-30 } else { 0.0 };
-        let found = [lights - lobes.min(0.5 * lights), cells, lobes];
-        guide.expected = lights + cells;
+        let lobes = if lobe.specular > 0.0 {
+            0.5 * glints + 1e-30
+        } else {
+            0.0
+        };
+        let found = [lights.sum - lobes.min(0.5 * lights.sum), cells.sum, lobes];
+        let mut guide = Self {
+            control,
+            expected: lights.sum + cells.sum,
+            shares: [0.0; 3],
+            lights,
+            cells,
+        };
         let sum: f32 = found.iter().sum();
         if sum > 0.0 {
-            let shares = found.map(|f| if f > 0.0 { (f / sum).max(SMALLEST_SHARE) } else { 0.0 });
+            let shares = found.map(|f| {
+                if f > 0.0 {
+                    (f / sum).max(SMALLEST_SHARE)
+                } else {
+                    0.0
+                }
+            });
             let total: f32 = shares.iter().sum();
             guide.shares = shares.map(|s| s / total);
         }
@@ -204,17 +207,21 @@ impl Guide {
     ) -> Option<Vec3> {
         let [lights, cells, lobe] = self.shares;
         if choice < lights {
-            let (k, x) = invert(&self.light_ends, u.x);
+            let (k, x) = self.lights.invert(u.x);
             let direction = light.clusters.sample(k, Vec2::new(x, u.y), choice / lights);
             Some((light.object_from_probe * direction).normalize())
         } else if choice < lights + cells {
-            let (cell, x) = invert(&self.cell_ends, u.x);
+            let (cell, x) = self.cells.invert(u.x);
             let corner = Vec2::new((cell % SIDE) as f32, (cell / SIDE) as f32);
             Some(direction_from_octahedral(
                 (corner + Vec2::new(x, u.y)) / SIDE as f32,
             ))
         } else if lobe > 0.0 {
-            let wi = surface.brdf.sample_specular(surface.wo, ((choice - lights - cells) / lobe).clamp(0.0, 1.0), u)?;
+            let wi = surface.brdf.sample_specular(
+                surface.wo,
+                ((choice - lights - cells) / lobe).clamp(0.0, 1.0),
+                u,
+            )?;
             Some(surface.frame.from_local(wi).normalize())
         } else {
             None
@@ -234,14 +241,14 @@ impl Guide {
         let mut density = 0.0;
         if lights > 0.0 {
             let (k, within) = light.clusters.density(light.probe_from_object * direction);
-            density += lights * share(&self.light_ends, k) * within;
+            density += lights * self.lights.share(k) * within;
         }
         if cells > 0.0 {
             // A cell's square has area (2/SIDE)² on the octahedron |x| + |y| + |z| = 1, whose
             // area element in (x, y) covers |p|^-3 of solid angle.
             let p = 1.0 / direction.abs().element_sum();
             let solid_angle = 4.0 / CELLS as f32 * (1.0 / (p * p * p));
-            density += cells * share(&self.cell_ends, cell_of(direction)) / solid_angle;
+            density += cells * self.cells.share(cell_of(direction)) / solid_angle;
         }
         if lobe > 0.0 {
             density += lobe * surface.brdf.pdf_specular(wi, surface.wo);
@@ -279,45 +286,120 @@ impl ExpectedLobe {
         }
     }
 
-    /// Diffuse and specular `f cos` towards a patch, the lobe (taken for GGX's) widened by the
-    /// patch's spread.
+    /// Diffuse and specular `f cos` towards patches of light about `directions`, the lobe (taken for
+    /// GGX's) widened by each patch's spread.
+    #[inline]
+    fn expect(
+        &self,
+        directions: &[[f32; LIGHTS]; 3],
+        spread2: &[f32; LIGHTS],
+        diffuse: &mut [f32; LIGHTS],
+        specular: &mut [f32; LIGHTS],
+    ) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            #[expect(unsafe_code, reason = "the processor was just asked for AVX2")]
+            // SAFETY: AVX2 is present.
+            return unsafe { self.expect_avx2(directions, spread2, diffuse, specular) };
+        }
+        self.expect_any(directions, spread2, diffuse, specular);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn expect_avx2(
+        &self,
+        directions: &[[f32; LIGHTS]; 3],
+        spread2: &[f32; LIGHTS],
+        diffuse: &mut [f32; LIGHTS],
+        specular: &mut [f32; LIGHTS],
+    ) {
+        self.expect_any(directions, spread2, diffuse, specular);
+    }
+
     #[inline(always)]
-    fn expect(&self, x: f32, y: f32, z: f32, spread2: f32) -> (f32, f32) {
-        let spread = spread2.sqrt();
-        let cos = x * self.normal.x + y * self.normal.y + z * self.normal.z;
-        // A patch across the horizon still sends some light.
-        let lit = (0.5 * (cos + spread)).clamp(0.0, spread).max(cos);
-        let length2 = (2.0 + 2.0 * (x * self.wo.x + y * self.wo.y + z * self.wo.z)).max(1e-4);
-        let along = cos + self.cos_o;
-        let cos2 = (along * along / length2).min(1.0);
-        let a2 = self.a2 + 0.5 * spread2 / length2;
-        let q = 1.0 - cos2 + a2 * cos2;
-        let m = 1.0 - 0.5 * length2.sqrt();
-        let m2 = m * m;
-        let fresnel = self.f0 + (1.0 - self.f0) * m2 * m2 * m;
-        let masking = 2.0 * lit / (lit + (lit * lit + self.a2).sqrt() + 1e-6);
-        let shape = a2 / (std::f32::consts::PI * q * q);
-        (
-            self.diffuse * lit,
-            self.specular * fresnel * masking * shape / (4.0 * self.cos_o),
-        )
+    fn expect_any(
+        &self,
+        [x, y, z]: &[[f32; LIGHTS]; 3],
+        spread2: &[f32; LIGHTS],
+        diffuse: &mut [f32; LIGHTS],
+        specular: &mut [f32; LIGHTS],
+    ) {
+        let (n, o) = (self.normal, self.wo);
+        let scale = self.specular / (4.0 * std::f32::consts::PI * self.cos_o);
+        for k in 0..LIGHTS {
+            let cos = x[k] * n.x + y[k] * n.y + z[k] * n.z;
+            // A patch across the horizon still sends some light.
+            let spread = spread2[k].sqrt();
+            let lit = (0.5 * (cos + spread)).max(0.0).min(spread).max(cos);
+            let length2 = (2.0 + 2.0 * (x[k] * o.x + y[k] * o.y + z[k] * o.z)).max(1e-4);
+            let along = cos + self.cos_o;
+            let cos2 = (along * along / length2).min(1.0);
+            let a2 = self.a2 + 0.5 * spread2[k] / length2;
+            let q = 1.0 - cos2 + a2 * cos2;
+            let m = 1.0 - 0.5 * length2.sqrt();
+            let m2 = m * m;
+            let fresnel = self.f0 + (1.0 - self.f0) * m2 * m2 * m;
+            let masking = 2.0 * lit / (lit + (lit * lit + self.a2).sqrt() + 1e-6);
+            diffuse[k] = self.diffuse * lit;
+            specular[k] = scale * fresnel * masking * a2 / (q * q);
+        }
     }
 }
 
-/// The interval of rising sums that holds the quantile `u`, and where in it.
-#[inline]
-fn invert(ends: &[f32], u: f32) -> (usize, f32) {
-    let wanted = u * ends[ends.len() - 1];
-    let i = ends.partition_point(|&end| end <= wanted).min(ends.len() - 1);
-    let low = if i == 0 { 0.0 } else { ends[i - 1] };
-    let width = ends[i] - low;
-    let place = if width > 0.0 { (wanted - low) / width } else { 0.5 };
-    (i, place.clamp(0.0, 1.0 - f32::EPSILON / 2.0))
+/// Weights to draw from, in groups, so that neither building nor searching is a long chain.
+#[derive(Clone)]
+struct Weights {
+    each: [f32; LIGHTS],
+    groups: [f32; GROUPS],
+    sum: f32,
 }
 
-/// Probability of interval `i`.
+/// Groups of weights, and weights in a group.
+const GROUPS: usize = 16;
+
+impl Weights {
+    fn new(each: [f32; LIGHTS]) -> Self {
+        let groups = std::array::from_fn(|g| sum_of(&each[g * GROUPS..(g + 1) * GROUPS]));
+        let sum = groups.iter().sum();
+        Self { each, groups, sum }
+    }
+
+    /// The weight that holds the quantile `u`, and where in it, in [0, 1).
+    #[inline]
+    fn invert(&self, u: f32) -> (usize, f32) {
+        let mut rest = u * self.sum;
+        let mut group = 0;
+        while group + 1 < GROUPS && rest >= self.groups[group] {
+            rest -= self.groups[group];
+            group += 1;
+        }
+        let mut k = group * GROUPS;
+        let last = k + GROUPS - 1;
+        while k < last && rest >= self.each[k] {
+            rest -= self.each[k];
+            k += 1;
+        }
+        let width = self.each[k];
+        let place = if width > 0.0 { rest / width } else { 0.5 };
+        (k, place.clamp(0.0, 1.0 - f32::EPSILON / 2.0))
+    }
+
+    /// Probability of weight `k`.
+    #[inline]
+    fn share(&self, k: usize) -> f32 {
+        self.each[k] / self.sum
+    }
+}
+
+/// Sum in eight lanes.
 #[inline]
-fn share(ends: &[f32], i: usize) -> f32 {
-    let low = if i == 0 { 0.0 } else { ends[i - 1] };
-    (ends[i] - low) / ends[ends.len() - 1]
+fn sum_of(values: &[f32]) -> f32 {
+    let mut lanes = [0.0; 8];
+    for eight in values.chunks_exact(8) {
+        for (lane, value) in lanes.iter_mut().zip(eight) {
+            *lane += value;
+        }
+    }
+    lanes.iter().sum()
 }

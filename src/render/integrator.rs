@@ -82,8 +82,7 @@ impl Illuminated<'_> {
             let number = stage.patches.of(hit.triangle);
             let patch = stage.patches.get(number, mesh, &stage.accel);
             let go_on = bounce < self.bounces;
-            let guide_here =
-                || Guide::new(&surface, patch, &self.light, &stage.middles, go_on);
+            let guide_here = || Guide::new(&surface, patch, &self.light, &stage.middles, go_on);
             let own;
             let guide = if bounce == 1 {
                 guides.of(number, guide_here)
@@ -95,8 +94,7 @@ impl Illuminated<'_> {
             // The diffuse answer of an open point.
             if guide.control {
                 let facing = (self.world_from_object * frame.normal).normalize();
-                let reflected =
-                    throughput * brdf.rho_d * FRAC_1_PI * stage.irradiance.at(facing);
+                let reflected = throughput * brdf.rho_d * FRAC_1_PI * stage.irradiance.at(facing);
                 radiance += reflected;
                 if bounce == 1 {
                     expected += reflected.element_sum();
@@ -144,7 +142,10 @@ impl Illuminated<'_> {
                 stage.accel.closest_hit(&next_ray, f32::INFINITY).map(Some)
             } else {
                 stats.shadow_rays += 1;
-                stage.accel.occluded(&next_ray, f32::INFINITY).then_some(None)
+                stage
+                    .accel
+                    .occluded(&next_ray, f32::INFINITY)
+                    .then_some(None)
             };
             let light = |of: Vec3| {
                 if of == Vec3::ZERO {
