@@ -10,7 +10,7 @@ mod npy;
 use anyhow::{Result, bail, ensure};
 use glam::{Mat3, Vec3};
 use turnlight::image::RgbImage;
-use turnlight::probe::Environment;
+use turnlight::probe::{Environment, LightClusters};
 
 fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -39,6 +39,14 @@ fn main() -> Result<()> {
         .iter()
         .flat_map(|&w| light.radiance(Vec3::ZERO, w).to_array());
     npy::write(radiance_out, &shape, radiance)?;
-    let pdf = directions.iter().map(|&w| light.pdf(Vec3::ZERO, w));
+    // Patches chosen by their light, then directions within them.
+    let clusters = LightClusters::new(&environment, 256);
+    let flux: Vec<f32> = (0..clusters.len()).map(|k| clusters.patch(k).1).collect();
+    let total: f32 = flux.iter().sum();
+    let probe_from_world = environment.world_from_probe().transpose();
+    let pdf = directions.iter().map(|&w| {
+        let (patch, density) = clusters.density(probe_from_world * w);
+        flux[patch] / total * density
+    });
     npy::write(pdf_out, &shape[..1], pdf)
 }

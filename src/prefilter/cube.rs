@@ -131,7 +131,7 @@ fn arctangent(t: f32) -> f32 {
     let t2 = t * t;
     let series = -0.013_480_47 * t2 + 0.057_477_314;
     let series = series * t2 - 0.121_239_07;
-    let series = series * t2 + 0.195_635_925;
+    let series = series * t2 + 0.195_635_93;
     let series = series * t2 - 0.332_994_6;
     (series * t2 + 0.999_995_63) * t
 }

@@ -23,14 +23,17 @@ impl Irradiance {
     /// Tabulates a light.
     pub fn new(pyramid: &LightPyramid) -> Self {
         // The nodes that stand for the light: as coarse as the cosine allows.
-        let mut nodes: Vec<(Vec3A, Vec3A)> = Vec::new();
+        let mut nodes: Vec<Node> = Vec::new();
         let mut waiting: Vec<u32> = pyramid.roots().map(|root| root as u32).collect();
         while let Some(index) = waiting.pop() {
             let node = &pyramid.nodes()[index as usize];
             if node.children == 0 || node.spread <= FINEST {
-                // The mean of the light's directions is shorter than one, and so is its cosine.
-                let mean = node.direction * (1.0 - node.spread * node.spread).max(0.0).sqrt();
-                nodes.push((mean.into(), node.flux.into()));
+                let spread2 = node.spread * node.spread;
+                nodes.push(Node {
+                    mean: (node.direction * (1.0 - spread2).max(0.0).sqrt()).into(),
+                    flux: node.flux.into(),
+                    half_width: (1.5 * spread2).sqrt().max(1e-6),
+                });
             } else {
                 waiting.extend(node.first_child..node.first_child + node.children);
             }
@@ -40,10 +43,7 @@ impl Irradiance {
             .into_par_iter()
             .map(|index| {
                 let normal = Vec3A::from(grid.direction(index));
-                nodes
-                    .iter()
-                    .map(|(direction, flux)| *flux * direction.dot(normal).max(0.0))
-                    .sum()
+                nodes.iter().map(|node| node.irradiance(normal)).sum()
             })
             .collect();
         Self { grid, samples }
@@ -54,6 +54,25 @@ impl Irradiance {
     pub fn at(&self, normal: Vec3) -> Vec3 {
         let value = self.grid.stencil(normal).interpolate(&self.samples);
         Vec3::from(value).max(Vec3::ZERO)
+    }
+}
+
+/// Light from a small patch, spread evenly along any line through it.
+struct Node {
+    /// Mean of the light's directions: shorter than one.
+    mean: Vec3A,
+    flux: Vec3A,
+    /// Half the width of the strip of the same variance.
+    half_width: f32,
+}
+
+impl Node {
+    /// `Φ` times the mean of `(n·ω)+` over the patch: where the horizon cuts it, a part counts.
+    #[inline]
+    fn irradiance(&self, normal: Vec3A) -> Vec3A {
+        let (cos, w) = (self.mean.dot(normal), self.half_width);
+        let cut = (cos + w).clamp(0.0, 2.0 * w);
+        self.flux * (cut * cut / (4.0 * w) + (cos - w).max(0.0))
     }
 }
 

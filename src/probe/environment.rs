@@ -1,35 +1,22 @@
-//! Light from far away: radiance by direction, and directions by radiance.
+//! Light from far away: radiance by direction.
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Mat3, Vec2, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 
 use super::{ProbeError, ProbeReport, repair};
-use crate::geometry::{direction_from_latlong, latlong_from_direction};
+use crate::geometry::latlong_from_direction;
 use crate::image::RgbImage;
-use crate::sampling::Distribution2d;
 
 /// A distant environment in the world frame.
 #[derive(Clone, Debug)]
 pub struct Environment {
     image: RgbImage,
     world_from_probe: Mat3,
-    cells: Distribution2d,
     /// `[height]` solid angle of one texel of each row, steradian.
     texel_solid_angle: Vec<f64>,
     /// `[height]` how much of a texel's solid angle the rows above, of and below it light.
     row_weights: Vec<[f64; 3]>,
-}
-
-/// A direction drawn towards bright light.
-#[derive(Clone, Copy, Debug)]
-pub struct LightSample {
-    /// To the light, unit, in the frame of the light that was asked.
-    pub wi: Vec3,
-    /// Radiance arriving from there, linear RGB.
-    pub radiance: Vec3,
-    /// Of `wi`, per steradian.
-    pub pdf: f32,
 }
 
 impl Environment {
@@ -48,18 +35,11 @@ impl Environment {
             .map(|row| row_weights(row, height).map(|w| w * 2.0 * PI / width as f64))
             .collect();
 
-        // The sampling weight of a cell is the flux of the bilinear function through it; a dark
-        // texel beside a bright one is bright at its edge and must be found.
-        let cells = Distribution2d::new((0..height).map(|row| {
-            let (image, weights) = (&image, row_weights[row]);
-            (0..width).map(move |column| cell_flux(image, column, row, weights).element_sum())
-        }));
         let world_from_probe = Mat3::from_rotation_y(rotation as f32);
         Ok((
             Self {
                 image,
                 world_from_probe,
-                cells,
                 texel_solid_angle,
                 row_weights,
             },
@@ -100,17 +80,15 @@ impl Environment {
 
     /// The light as an object sees it that is turned by `world_from_object`.
     pub fn turned(&self, world_from_object: Mat3) -> TurnedLight<'_> {
-        let probe_from_object = self.world_from_probe.transpose() * world_from_object;
         TurnedLight {
             environment: self,
-            probe_from_object,
-            object_from_probe: probe_from_object.transpose(),
+            probe_from_object: self.world_from_probe.transpose() * world_from_object,
         }
     }
 
     /// Bilinear look-up, probe frame.
     #[inline]
-    fn lookup(&self, direction: Vec3) -> Vec3 {
+    pub(super) fn lookup(&self, direction: Vec3) -> Vec3 {
         let (width, height) = (self.image.width, self.image.height);
         let uv = latlong_from_direction(direction);
         let x = uv.x * width as f32 - 0.5;
@@ -127,35 +105,6 @@ impl Environment {
             .lerp(at(right, top), fx)
             .lerp(at(left, bottom).lerp(at(right, bottom), fx), fy)
     }
-
-    /// Density per steradian of a direction in the probe frame.
-    #[inline]
-    fn density(&self, direction: Vec3) -> f32 {
-        let (width, height) = (self.image.width, self.image.height);
-        let uv = latlong_from_direction(direction);
-        let column = ((uv.x * width as f32) as usize).min(width - 1);
-        let row = ((uv.y * height as f32) as usize).min(height - 1);
-        (self.cells.probability(row, column) / self.texel_solid_angle[row]) as f32
-    }
-
-    #[inline]
-    fn draw(&self, u: Vec2) -> (Vec3, f32) {
-        let (width, height) = (self.image.width as f64, self.image.height as f64);
-        let cell = self.cells.sample(u);
-        // Uniform in solid angle within the cell: uniform in φ and in cos θ.
-        let phi = (cell.column as f64 + f64::from(cell.inside.x)) / width;
-        let cos_edge = |row: usize| (PI * row as f64 / height).cos();
-        let (top, bottom) = (cos_edge(cell.row), cos_edge(cell.row + 1));
-        let cos_theta = top + (bottom - top) * f64::from(cell.inside.y);
-        let direction = direction_from_latlong(Vec2::new(
-            phi as f32,
-            (cos_theta.clamp(-1.0, 1.0).acos() / PI) as f32,
-        ));
-        (
-            direction,
-            (cell.probability / self.texel_solid_angle[cell.row]) as f32,
-        )
-    }
 }
 
 /// The light at one pose of the turntable, in the object frame.
@@ -166,7 +115,6 @@ impl Environment {
 pub struct TurnedLight<'a> {
     environment: &'a Environment,
     probe_from_object: Mat3,
-    object_from_probe: Mat3,
 }
 
 impl TurnedLight<'_> {
@@ -174,25 +122,6 @@ impl TurnedLight<'_> {
     #[inline]
     pub fn radiance(&self, _position: Vec3, wi: Vec3) -> Vec3 {
         self.environment.lookup(self.probe_from_object * wi)
-    }
-
-    /// A direction towards the light, drawn in proportion to the radiance; `None` when all is
-    /// black there.
-    #[inline]
-    pub fn sample(&self, _position: Vec3, u: Vec2) -> Option<LightSample> {
-        let (direction, pdf) = self.environment.draw(u);
-        let radiance = self.environment.lookup(direction);
-        (pdf > 0.0 && radiance != Vec3::ZERO).then(|| LightSample {
-            wi: self.object_from_probe * direction,
-            radiance,
-            pdf,
-        })
-    }
-
-    /// Density with which [`TurnedLight::sample`] returns `wi`, per steradian.
-    #[inline]
-    pub fn pdf(&self, _position: Vec3, wi: Vec3) -> f32 {
-        self.environment.density(self.probe_from_object * wi)
     }
 }
 
@@ -231,8 +160,10 @@ fn cell_flux(image: &RgbImage, column: usize, row: usize, row_weights: [f64; 3])
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec2;
+
     use super::*;
-    use crate::sampling::SobolPath;
+    use crate::geometry::direction_from_latlong;
 
     fn lit(width: usize, height: usize, column: usize, row: usize, value: f32) -> Environment {
         let mut pixels = vec![[0.0; 3]; width * height];
@@ -265,34 +196,6 @@ mod tests {
             assert!((e.lookup(d).y - 3.0).abs() < 1e-6);
         }
         assert!((e.mean_radiance().x - 3.0).abs() < 1e-5);
-    }
-
-    #[test]
-    fn sampling_estimates_the_flux_of_hard_maps() {
-        for (column, row, value) in [(0, 0, 1e6), (15, 7, 1e-6), (7, 4, 1.0)] {
-            let e = lit(16, 8, column, row, value);
-            let light = e.turned(Mat3::from_rotation_y(0.7));
-            let n = 4096;
-            let mut mean = 0.0;
-            for i in 0..n {
-                let [a, b, ..] = SobolPath::new(1, 0, 0, i).next_4d();
-                if let Some(s) = light.sample(Vec3::ZERO, Vec2::new(a, b)) {
-                    mean += f64::from(s.radiance.x / s.pdf) / f64::from(n);
-                }
-            }
-            let truth = f64::from(e.mean_radiance().x) * 4.0 * PI;
-            assert!((mean / truth - 1.0).abs() < 0.003, "{mean} {truth}");
-        }
-    }
-
-    #[test]
-    fn black_probes_give_no_sample() {
-        let e = lit(4, 2, 0, 0, 0.0);
-        assert!(
-            e.turned(Mat3::IDENTITY)
-                .sample(Vec3::ZERO, Vec2::splat(0.3))
-                .is_none()
-        );
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The light: an HDR lat-long map recorded by an omni-directional camera.
 //!
 //! The map is a function on the sphere, bilinear between texel centres, periodic in longitude and
-//! clamped towards the poles; everything here (look-up, sampling, pyramid) sees that one function.
+//! clamped towards the poles; everything here (look-up, clusters, pyramid) sees that one function.
 
 mod clusters;
 mod environment;
@@ -9,6 +9,6 @@ mod pyramid;
 mod repair;
 
 pub use clusters::LightClusters;
-pub use environment::{Environment, LightSample, TurnedLight};
+pub use environment::{Environment, TurnedLight};
 pub use pyramid::{LightNode, LightPyramid};
 pub use repair::{ProbeError, ProbeReport, repair};

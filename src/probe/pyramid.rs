@@ -47,40 +47,40 @@ impl LightPyramid {
     /// The finest level is at most this wide: a texel of 0.18° is far below any lobe that f32
     /// resolves, and the tree stays under 100 MB whatever the probe.
     const FINEST_WIDTH: usize = 2048;
+    /// The finest level is at least this wide: texels wider than 1.4° are divided, since the light
+    /// within them is bilinear and not a point.
+    const COARSEST_WIDTH: usize = 256;
 
     /// Builds the tree; roots are the first level with at most 8 rows.
     pub fn new(environment: &Environment) -> Self {
         let image = environment.image();
         let reduce = image.width.div_ceil(Self::FINEST_WIDTH).max(1);
-        let (width, height) = (image.width.div_ceil(reduce), image.height.div_ceil(reduce));
+        // An even number, so that no part straddles a kink of the bilinear function.
+        let divide = match Self::COARSEST_WIDTH.div_ceil(image.width) {
+            1 => 1,
+            parts => parts.next_multiple_of(2),
+        };
+        let (width, height) = (
+            (image.width * divide).div_ceil(reduce),
+            (image.height * divide).div_ceil(reduce),
+        );
 
-        // Level 0: the flux of each block of texels, placed at the texels' centres.
+        // Level 0: the flux of each block or part of texels, placed at its texels' centres.
         let mut level: Vec<Patch> = Vec::with_capacity(width * height);
         for row in 0..height {
             for column in 0..width {
-                let mut patch = Patch {
-                    flux: DVec3::ZERO,
-                    first: DVec3::ZERO,
-                    own: 0.0,
-                    first_child: 0,
-                    children: 0,
-                };
-                for y in row * reduce..((row + 1) * reduce).min(image.height) {
-                    for x in column * reduce..((column + 1) * reduce).min(image.width) {
-                        let uv = Vec2::new(
-                            (x as f32 + 0.5) / image.width as f32,
-                            (y as f32 + 0.5) / image.height as f32,
-                        );
-                        let flux = environment.cell_flux(x, y);
-                        let weight = flux.element_sum();
-                        let sin = f64::from((std::f32::consts::PI * uv.y).sin());
-                        let (a, b) = (
-                            2.0 * std::f64::consts::PI / image.width as f64 * sin,
-                            std::f64::consts::PI / image.height as f64,
-                        );
-                        patch.flux += flux;
-                        patch.first += weight * direction_from_latlong(uv).as_dvec3();
-                        patch.own += weight * (a * a + b * b) / 12.0;
+                let mut patch = Patch::EMPTY;
+                if divide > 1 {
+                    patch.add_part(environment, (column, row), divide);
+                } else {
+                    for y in row * reduce..((row + 1) * reduce).min(image.height) {
+                        for x in column * reduce..((column + 1) * reduce).min(image.width) {
+                            patch.add(
+                                environment.cell_flux(x, y),
+                                (x, y),
+                                (image.width, image.height),
+                            );
+                        }
                     }
                 }
                 level.push(patch);
@@ -99,11 +99,8 @@ impl LightPyramid {
                 for column in 0..parents_wide {
                     let first_child = nodes.len() as u32;
                     let mut parent = Patch {
-                        flux: DVec3::ZERO,
-                        first: DVec3::ZERO,
-                        own: 0.0,
                         first_child,
-                        children: 0,
+                        ..Patch::EMPTY
                     };
                     for y in 2 * row..(2 * row + 2).min(height) {
                         for x in 2 * column..(2 * column + 2).min(width) {
@@ -146,6 +143,47 @@ impl LightPyramid {
 }
 
 impl Patch {
+    const EMPTY: Self = Self {
+        flux: DVec3::ZERO,
+        first: DVec3::ZERO,
+        own: 0.0,
+        first_child: 0,
+        children: 0,
+    };
+
+    /// Adds the flux of cell `(column, row)` of a lat-long grid of `size`.
+    fn add(&mut self, flux: DVec3, (column, row): (usize, usize), size: (usize, usize)) {
+        let uv = Vec2::new(
+            (column as f32 + 0.5) / size.0 as f32,
+            (row as f32 + 0.5) / size.1 as f32,
+        );
+        let weight = flux.element_sum();
+        let sin = f64::from((std::f32::consts::PI * uv.y).sin());
+        let (a, b) = (
+            2.0 * std::f64::consts::PI / size.0 as f64 * sin,
+            std::f64::consts::PI / size.1 as f64,
+        );
+        self.flux += flux;
+        self.first += weight * direction_from_latlong(uv).as_dvec3();
+        self.own += weight * (a * a + b * b) / 12.0;
+    }
+
+    /// Adds one of the `divide` × `divide` parts of a texel: its radiance in the middle times its
+    /// solid angle.
+    fn add_part(&mut self, environment: &Environment, place: (usize, usize), divide: usize) {
+        let image = environment.image();
+        let size = (image.width * divide, image.height * divide);
+        let edge = |row: usize| (std::f64::consts::PI * row as f64 / size.1 as f64).cos();
+        let solid_angle =
+            2.0 * std::f64::consts::PI / size.0 as f64 * (edge(place.1) - edge(place.1 + 1));
+        let middle = direction_from_latlong(Vec2::new(
+            (place.0 as f32 + 0.5) / size.0 as f32,
+            (place.1 as f32 + 0.5) / size.1 as f32,
+        ));
+        let flux = environment.lookup(middle).as_dvec3() * solid_angle;
+        self.add(flux, place, size);
+    }
+
     /// `E|ω − c|² = 1 − |E ω|²` about the mean, for unit vectors, plus the texels' own width.
     fn node(&self, world_from_probe: glam::Mat3) -> LightNode {
         let weight = self.flux.element_sum();

@@ -10,10 +10,14 @@ use crate::image::{Channel, Mask, RgbImage};
 use crate::rig::View;
 use crate::sampling::SobolPath;
 
+/// How many times more paths a pixel gets that the silhouette crosses. Inside, the guided paths leave
+/// little noise; there, whether a path meets the object at all is all the noise there is.
+const ON_SILHOUETTE: u32 = 4;
+
 /// How a frame is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameSettings {
-    /// Paths per pixel.
+    /// Paths per pixel; four times as many where the silhouette crosses it.
     pub samples_per_pixel: u32,
     /// Largest number of surface interactions of a path; 1 is direct light only.
     pub bounces: u32,
@@ -82,6 +86,43 @@ fn covered_pixels(stage: &Stage, view: &View, width: usize, height: usize) -> Ve
     covered
 }
 
+/// Pixels of which some corners see the object and others do not, of those in `covered`.
+///
+/// The corners are no samples of the pixel, so that choosing by them biases nothing; what is too thin
+/// for them to notice is sampled like the rest.
+fn on_silhouette(
+    stage: &Stage,
+    view: &View,
+    covered: &[bool],
+    width: usize,
+    height: usize,
+) -> Vec<bool> {
+    let sees_object = |x: usize, y: usize| {
+        let ray = view.ray(DVec2::new(x as f64, y as f64));
+        stage.accel.occluded(&ray, f32::INFINITY)
+    };
+    let near = |x: usize, y: usize| {
+        let (columns, rows) = (
+            x.saturating_sub(1)..(x + 1).min(width),
+            y.saturating_sub(1)..(y + 1).min(height),
+        );
+        rows.into_iter()
+            .any(|y| columns.clone().any(|x| covered[y * width + x]))
+    };
+    let corners: Vec<bool> = (0..=height)
+        .into_par_iter()
+        .flat_map_iter(|y| (0..=width).map(move |x| near(x, y) && sees_object(x, y)))
+        .collect();
+    (0..width * height)
+        .map(|pixel| {
+            let first = pixel / width * (width + 1) + pixel % width;
+            let four = [first, first + 1, first + width + 1, first + width + 2];
+            let seen = four.into_iter().filter(|&corner| corners[corner]).count();
+            covered[pixel] && seen % 4 != 0
+        })
+        .collect()
+}
+
 /// Renders the frame number `number` of the turntable at `angle` (radians).
 ///
 /// Every pixel has its own sample sequence, keyed by seed, frame and pixel, and sums in f64: the
@@ -105,6 +146,8 @@ pub fn render_frame(
 
     let covered = covered_pixels(stage, &view, width, height);
 
+    let silhouette = on_silhouette(stage, &view, &covered, width, height);
+
     let render_pixel = |x: usize, y: usize, stats: &mut RenderStats| {
         if !covered[y * width + x] {
             stats.background_pixels += 1;
@@ -113,7 +156,12 @@ pub fn render_frame(
         let mut sum = DVec3::ZERO;
         let mut guides = PixelGuides::default();
         let mut hits = 0;
-        for index in 0..settings.samples_per_pixel {
+        let samples = if silhouette[y * width + x] {
+            settings.samples_per_pixel.saturating_mul(ON_SILHOUETTE)
+        } else {
+            settings.samples_per_pixel
+        };
+        for index in 0..samples {
             let mut path = SobolPath::new(settings.seed, number, (y * width + x) as u32, index);
             let [jitter_x, jitter_y, ..] = path.next_4d();
             let pixel = DVec2::new(
@@ -130,7 +178,6 @@ pub fn render_frame(
                     .as_dvec3();
             }
         }
-        let samples = settings.samples_per_pixel;
         let centre = view.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
         let at_centre = stage.accel.closest_hit(&centre, f32::INFINITY);
         Pixel {
@@ -139,7 +186,7 @@ pub fn render_frame(
             coverage: if hits == samples {
                 255
             } else {
-                (hits * 255 / samples.max(1)).min(254) as u8
+                (u64::from(hits) * 255 / u64::from(samples.max(1))).min(254) as u8
             },
             depth: at_centre.map_or(0.0, |hit| hit.t * stage.mesh.scale as f32),
             normal: at_centre.map_or(Vec3::ZERO, |hit| {

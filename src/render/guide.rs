@@ -89,8 +89,9 @@ impl CellMiddles {
     pub(super) fn new() -> Self {
         let mut middles = [[0.0; CELLS]; 3];
         for cell in 0..CELLS {
-            for (axis, coordinate) in cell_middle(cell).to_array().into_iter().enumerate() {
-                middles[axis][cell] = coordinate;
+            let middle = cell_middle(cell);
+            for (axis, coordinates) in middles.iter_mut().enumerate() {
+                coordinates[cell] = middle[axis];
             }
         }
         Self(middles)
@@ -402,4 +403,155 @@ fn sum_of(values: &[f32]) -> f32 {
         }
     }
     lanes.iter().sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::brdf::{Alpha, Fresnel};
+    use crate::image::RgbImage;
+    use crate::sampling::{SobolPath, as_points};
+
+    /// A sky with a lamp, and a patch of which one side is blocked.
+    fn surroundings() -> (Environment, Patch) {
+        let mut pixels: Vec<[f32; 3]> = (0..64 * 32)
+            .map(|i| [0.3 + 0.2 * ((i % 64) as f32 * 0.2).sin(), 0.4, 0.5])
+            .collect();
+        pixels[9 * 64 + 30] = [800.0, 700.0, 600.0];
+        let image = RgbImage {
+            width: 64,
+            height: 32,
+            pixels,
+        };
+        let patch = Patch {
+            blocked: std::array::from_fn(|cell| {
+                if cell_middle(cell).x > 0.3 {
+                    0.97
+                } else {
+                    0.03
+                }
+            }),
+            closed: 0.3,
+            convex: false,
+        };
+        (Environment::new(image, 0.4).unwrap().0, patch)
+    }
+
+    #[test]
+    fn density_is_that_of_the_samples() {
+        // The mean of 1/density over samples that fall into a part of the hemisphere is the part's
+        // solid angle: each octant above the horizon has π/2.
+        let (environment, patch) = surroundings();
+        let clusters = LightClusters::new(&environment, LIGHTS);
+        let turn = Mat3::from_rotation_y(0.8);
+        let light = FrameLight::new(&environment, &clusters, turn);
+        let middles = CellMiddles::new();
+        for (alpha, rho_s, indirect) in [
+            (0.2, 2.35, true),
+            (0.05, 20.0, true),
+            (0.4, 0.0, true),
+            (0.3, 2.35, false),
+        ] {
+            for closed in [0.1, 0.8] {
+                let patch = Patch {
+                    closed,
+                    ..copy(&patch)
+                };
+                let brdf = Dichromatic {
+                    rho_d: Vec3::new(0.4, 0.3, 0.2),
+                    rho_s: Vec3::splat(rho_s),
+                    alpha: Alpha::new(alpha).unwrap(),
+                    ggx: 0.5,
+                    fresnel: Fresnel::PAPER,
+                };
+                let frame = Frame::about(Vec3::new(0.2, 0.9, 0.3).normalize());
+                let surface = Surface {
+                    frame,
+                    wo: Local(Vec3::new(0.5, 0.2, 0.8).normalize()),
+                    brdf: &brdf,
+                };
+                let guide = Guide::new(&surface, &patch, &light, &middles, indirect);
+                let n = 1 << 16;
+                let mut octants = [(0.0f64, 0.0f64); 4];
+                for index in 0..n {
+                    let (u, other) = as_points(SobolPath::new(5, 0, 0, index).next_4d());
+                    let Some(direction) = guide.sample(&surface, &light, u, other.x) else {
+                        continue;
+                    };
+                    let wi = frame.to_local(direction);
+                    if wi.0.z <= 0.0 {
+                        continue;
+                    }
+                    // The light is dim where it is sampled least; weigh by the cosine and the sky.
+                    let density = guide.density(&surface, &light, direction, wi);
+                    assert!(density > 0.0);
+                    let value = f64::from(wi.0.z / density);
+                    let octant =
+                        &mut octants[usize::from(wi.0.x > 0.0) + 2 * usize::from(wi.0.y > 0.0)];
+                    octant.0 += value;
+                    octant.1 += value * value;
+                }
+                for (sum, squares) in octants {
+                    let n = f64::from(n);
+                    let mean = sum / n;
+                    let sigma = ((squares / n - mean * mean) / n).sqrt();
+                    let expected = std::f64::consts::PI / 4.0;
+                    assert!(
+                        (mean - expected).abs() < 4.0 * sigma + 1e-3 && sigma < 0.05,
+                        "alpha {alpha} rho_s {rho_s} closed {closed}: {mean} ± {sigma}"
+                    );
+                }
+            }
+        }
+    }
+
+    fn copy(patch: &Patch) -> Patch {
+        Patch {
+            blocked: patch.blocked,
+            ..*patch
+        }
+    }
+
+    #[test]
+    fn black_surfaces_draw_nothing() {
+        let (environment, patch) = surroundings();
+        let clusters = LightClusters::new(&environment, LIGHTS);
+        let light = FrameLight::new(&environment, &clusters, Mat3::IDENTITY);
+        let brdf = Dichromatic {
+            rho_d: Vec3::ZERO,
+            rho_s: Vec3::ZERO,
+            alpha: Alpha::MAX,
+            ggx: 1.0,
+            fresnel: Fresnel::PAPER,
+        };
+        let surface = Surface {
+            frame: Frame::about(Vec3::Y),
+            wo: Local(Vec3::Z),
+            brdf: &brdf,
+        };
+        let guide = Guide::new(&surface, &patch, &light, &CellMiddles::new(), true);
+        assert_eq!(guide.expected, 0.0);
+        assert!(
+            guide
+                .sample(&surface, &light, Vec2::splat(0.5), 0.5)
+                .is_none()
+        );
+    }
+
+    #[test]
+    fn weights_are_drawn_by_their_share() {
+        let weights = Weights::new(std::array::from_fn(
+            |k| if k % 3 == 0 { 0.0 } else { k as f32 },
+        ));
+        let n = 100_000;
+        let mut counts = [0.0f32; LIGHTS];
+        for i in 0..n {
+            let (k, place) = weights.invert((i as f32 + 0.5) / n as f32);
+            assert!((0.0..1.0).contains(&place));
+            counts[k] += 1.0 / n as f32;
+        }
+        for (k, count) in counts.into_iter().enumerate() {
+            assert!((count - weights.share(k)).abs() < 5e-5, "{k}");
+        }
+    }
 }

@@ -108,7 +108,7 @@ impl Illuminated<'_> {
                 expected += to_find;
             }
             let survival = (to_find / (NEGLIGIBLE * expected)).clamp(SMALLEST_SURVIVAL, 1.0);
-            if !(other.y < survival) {
+            if other.y >= survival {
                 break;
             }
             let Some(direction) = guide.sample(&surface, &self.light, u, other.x) else {

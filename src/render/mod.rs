@@ -4,6 +4,8 @@ mod frame;
 mod guide;
 mod halfspace;
 mod integrator;
+#[cfg(test)]
+mod laws;
 mod patches;
 mod sensor;
 mod sequence;

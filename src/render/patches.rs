@@ -70,14 +70,14 @@ impl Patches {
         let mut triangles: Vec<u32> = (0..count as u32).collect();
         let mut starts = Vec::new();
         let largest = count.div_ceil(LARGEST_COUNT).max(1);
-        let mut waiting = vec![0..count];
-        while let Some(range) = waiting.pop() {
-            if range.len() <= largest {
-                starts.push(range.start as u32);
+        let mut waiting = vec![(0, count)];
+        while let Some((start, end)) = waiting.pop() {
+            if end - start <= largest {
+                starts.push(start as u32);
                 continue;
             }
             // Across the widest extent, through the median.
-            let part = &mut triangles[range.clone()];
+            let part = &mut triangles[start..end];
             let extent = |axis: usize| {
                 let values = part.iter().map(|&t| places[t as usize][axis]);
                 let (low, high) = values.fold((f32::MAX, f32::MIN), |(low, high), x| {
@@ -94,8 +94,8 @@ impl Patches {
                 x.total_cmp(&y).then(a.cmp(&b))
             });
             // The first half is cut next: patches come out in the order of their triangles.
-            waiting.push(range.start + middle..range.end);
-            waiting.push(range.start..range.start + middle);
+            waiting.push((start + middle, end));
+            waiting.push((start, start + middle));
         }
         let mut of_triangle = vec![0; count];
         let ends = starts.iter().skip(1).copied().chain([count as u32]);

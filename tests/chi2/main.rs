@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use turnlight::brdf::{Alpha, Dichromatic, Fresnel, Ndf};
 use turnlight::geometry::Local;
 use turnlight::image::RgbImage;
-use turnlight::probe::Environment;
+use turnlight::probe::{Environment, LightClusters};
 use turnlight::sampling::cosine_hemisphere;
 
 use harness::{Failure, Histogram, Random, assert_family};
@@ -308,7 +308,18 @@ fn probe(image: &RgbImage, rotation: f64, turn: Mat3, seed: u64) -> Result<f64, 
             })
             .collect()
     };
-    let density = over_cells(&|w| f64::from(light.pdf(Vec3::ZERO, w)));
+    // Patches chosen by their light, then directions within them.
+    let clusters = LightClusters::new(&environment, 16);
+    let flux_of: Vec<f64> = (0..clusters.len())
+        .map(|k| f64::from(clusters.patch(k).1))
+        .collect();
+    let sum_of_flux: f64 = flux_of.iter().sum();
+    let probe_from_object = object_from_probe.transpose().as_mat3();
+    let pdf = |w: Vec3| {
+        let (patch, density) = clusters.density(probe_from_object * w);
+        flux_of[patch] / sum_of_flux * f64::from(density)
+    };
+    let density = over_cells(&pdf);
     let total: f64 = density.iter().sum();
     if (total - 1.0).abs() > 1e-4 {
         return Err(format!("the density integrates to {total}"));
@@ -324,7 +335,7 @@ fn probe(image: &RgbImage, rotation: f64, turn: Mat3, seed: u64) -> Result<f64, 
     // A sample may fall on the dark side of a cell that is lit at one edge; it is withheld.
     let mut probabilities = over_cells(&|w| {
         let lit = light.radiance(Vec3::ZERO, w) != Vec3::ZERO;
-        f64::from(light.pdf(Vec3::ZERO, w)) * f64::from(u8::from(lit))
+        pdf(w) * f64::from(u8::from(lit))
     });
     probabilities.push((total - probabilities.iter().sum::<f64>()).max(0.0));
     let withheld = probabilities.len() - 1;
@@ -333,14 +344,23 @@ fn probe(image: &RgbImage, rotation: f64, turn: Mat3, seed: u64) -> Result<f64, 
     let mut random = Random(seed);
     let (mut sum, mut squares) = (0.0, 0.0);
     for _ in 0..SAMPLES {
-        let Some(sample) = light.sample(Vec3::ZERO, random.next_point()) else {
+        let mut rest = f64::from(random.next_point().x) * sum_of_flux;
+        let chosen = flux_of.iter().position(|&flux| {
+            rest -= flux;
+            rest < 0.0
+        });
+        let patch = chosen.unwrap_or(flux_of.len() - 1);
+        let direction = clusters.sample(patch, random.next_point(), random.next_point().x);
+        let wi = object_from_probe.as_mat3() * direction;
+        let arriving = light.radiance(Vec3::ZERO, wi);
+        if arriving == Vec3::ZERO {
             histogram.count(withheld);
             continue;
-        };
-        let estimate = f64::from(sample.radiance.x / sample.pdf);
+        }
+        let estimate = f64::from(arriving.x) / pdf(wi);
         sum += estimate;
         squares += estimate * estimate;
-        let w = object_from_probe.transpose() * sample.wi.as_dvec3();
+        let w = direction.as_dvec3();
         let row = edges.partition_point(|&edge| edge > w.y).clamp(1, rows) - 1;
         let phi = w.x.atan2(-w.z).rem_euclid(TAU) / TAU;
         let column = ((phi * columns as f64) as usize).min(columns - 1);

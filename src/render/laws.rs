@@ -1,0 +1,196 @@
+//! The guided paths against plain ones: no table, no light sampling, nothing known about blockers.
+
+use std::path::Path;
+
+use glam::{DVec2, DVec3, Mat3, Vec2, Vec3};
+
+use super::guide::FrameLight;
+use super::integrator::{Illuminated, PixelGuides};
+use super::patches::leave;
+use super::{RenderStats, Stage};
+use crate::accel::Hit;
+use crate::geometry::{Frame, Ray};
+use crate::image::{RgbImage, write_exr};
+use crate::probe::TurnedLight;
+use crate::sampling::{SobolPath, as_points};
+use crate::scene::Scene;
+
+/// A shipped mesh under a soft lamp and a sky, seen from above.
+fn stage(mesh: &str, material: &str) -> Stage {
+    let folder = tempfile::tempdir().unwrap();
+    let pixels = (0..32 * 16)
+        .map(|i| {
+            let (x, y) = ((i % 32) as f32, (i / 32) as f32);
+            let lamp = (-0.15 * ((x - 9.0).powi(2) + (y - 4.0).powi(2))).exp();
+            [
+                0.4 + 9.0 * lamp,
+                0.5 + 7.0 * lamp,
+                0.2 + 0.03 * x + 5.0 * lamp,
+            ]
+        })
+        .collect();
+    let probe = folder.path().join("probe.exr");
+    write_exr(
+        &probe,
+        &RgbImage {
+            width: 32,
+            height: 16,
+            pixels,
+        },
+    )
+    .unwrap();
+    let mesh = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("scenes/meshes")
+        .join(mesh);
+    let path = folder.path().join("scene.toml");
+    std::fs::write(
+        &path,
+        format!(
+            "[object]\nmesh = '{}'\n[material]\n{material}\n[probe]\nimage = '{}'\n\
+             [camera]\nwidth = 6\nheight = 6\nfov_x_deg = 26.0\nposition = [0.6, 2.4, 3.0]\n\
+             look_at = [0.0, 0.0, 0.0]\n[turntable]\nframes = 3\n",
+            mesh.display(),
+            probe.display()
+        ),
+    )
+    .unwrap();
+    Stage::load(&Scene::load(&path).unwrap()).unwrap().0
+}
+
+/// Eq. 4 by drawing from the BRDF alone.
+fn plain_radiance(
+    stage: &Stage,
+    light: &TurnedLight<'_>,
+    mut ray: Ray,
+    mut hit: Hit,
+    bounces: u32,
+    path: &mut SobolPath,
+) -> Vec3 {
+    let mut throughput = Vec3::ONE;
+    for _ in 0..bounces {
+        let barycentric = Vec2::new(hit.u, hit.v);
+        let frame = Frame::about(stage.mesh.normal_at(hit.triangle, barycentric));
+        let wo = frame.to_local(-ray.direction);
+        let brdf = stage.material.at(&stage.mesh, hit.triangle, barycentric);
+        let (u, other) = as_points(path.next_4d());
+        let Some(sample) = brdf.sample(wo, other.x, u) else {
+            return Vec3::ZERO;
+        };
+        throughput *= sample.weight;
+        let position = stage.mesh.position_at(hit.triangle, barycentric);
+        let side = stage.mesh.geometric_normal(hit.triangle);
+        ray = leave(position, side, frame.from_local(sample.wi));
+        match stage.accel.closest_hit(&ray, f32::INFINITY) {
+            None => return throughput * light.radiance(position, ray.direction),
+            Some(next) => hit = next,
+        }
+    }
+    Vec3::ZERO
+}
+
+/// Mean of a channel's samples and the variance of that mean.
+#[derive(Default)]
+struct Mean {
+    count: f64,
+    sum: DVec3,
+    squares: DVec3,
+}
+
+impl Mean {
+    fn add(&mut self, sample: Vec3) {
+        let sample = sample.as_dvec3();
+        self.count += 1.0;
+        self.sum += sample;
+        self.squares += sample * sample;
+    }
+
+    fn mean_and_variance(&self) -> (DVec3, DVec3) {
+        let mean = self.sum / self.count;
+        (mean, (self.squares / self.count - mean * mean) / self.count)
+    }
+}
+
+#[test]
+fn guided_paths_agree_with_plain_paths() {
+    const SAMPLES: u32 = 20_000;
+    // (z² summed, number), and the mean difference in sum, over all pixels of a case.
+    for (mesh, material, bounces) in [
+        (
+            "cup.ply",
+            "ndf = 'ggx'\nalpha = 0.4\nrho_d = [0.8, 0.6, 0.5]\nrho_s = 2.35",
+            1,
+        ),
+        (
+            "cup.ply",
+            "ndf = 'ggx'\nalpha = 0.4\nrho_d = [0.8, 0.6, 0.5]\nrho_s = 2.35",
+            4,
+        ),
+        (
+            "suzanne.ply",
+            "ndf = 'beckmann'\nalpha = 0.3\nrho_d = [0.5, 0.3, 0.1]\nrho_s = 8.0",
+            3,
+        ),
+        (
+            "sphere.ply",
+            "ndf = 'ggx'\nalpha = 0.25\nrho_d = 0.0\nrho_s = 2.35",
+            2,
+        ),
+        (
+            "suzanne.ply",
+            "ndf = 'ggx'\nalpha = 0.3\nfresnel = 'schlick'\nrho_d = 0.2\nf0 = [0.9, 0.7, 0.3]\nf90 = 1.0",
+            3,
+        ),
+    ] {
+        let stage = stage(mesh, material);
+        let angle = 1.1;
+        let view = stage.view(angle);
+        let world_from_object: Mat3 = view.world_from_object();
+        let illuminated = Illuminated {
+            stage: &stage,
+            light: FrameLight::new(&stage.environment, &stage.clusters, world_from_object),
+            world_from_object,
+            bounces,
+        };
+        let light = stage.environment.turned(world_from_object);
+        let (mut z2, mut count) = (0.0, 0.0);
+        let (mut guided_sum, mut plain_sum, mut variance_sum) = (0.0, 0.0, 0.0);
+        for pixel in 0..36u32 {
+            let place = DVec2::new(f64::from(pixel % 6) + 0.5, f64::from(pixel / 6) + 0.5);
+            let ray = view.ray(place);
+            let Some(hit) = stage.accel.closest_hit(&ray, f32::INFINITY) else {
+                continue;
+            };
+            let mut guides = PixelGuides::default();
+            let (mut guided, mut plain) = (Mean::default(), Mean::default());
+            for index in 0..SAMPLES {
+                // Independent numbers: each sample is another stream, so that variances are honest.
+                let mut path = SobolPath::new(1, pixel, index, 0);
+                let mut stats = RenderStats::default();
+                guided.add(illuminated.radiance(ray, hit, &mut guides, &mut path, &mut stats));
+                let mut path = SobolPath::new(2, pixel, index, 0);
+                plain.add(plain_radiance(&stage, &light, ray, hit, bounces, &mut path));
+            }
+            let ((a, va), (b, vb)) = (guided.mean_and_variance(), plain.mean_and_variance());
+            let z = (a - b) / (va + vb).max(DVec3::splat(1e-12)).map(f64::sqrt);
+            // The channels move together: one of them, by turns.
+            let channel = pixel as usize % 3;
+            z2 += z[channel] * z[channel];
+            count += 1.0;
+            guided_sum += a.element_sum();
+            plain_sum += b.element_sum();
+            variance_sum += 3.0 * (va + vb).element_sum();
+        }
+        let difference = (guided_sum - plain_sum) / plain_sum;
+        let sigma: f64 = f64::sqrt(variance_sum) / plain_sum;
+        assert!(count >= 8.0, "{mesh}: the camera sees too little");
+        // z² is about χ² of `count` degrees; four standard deviations.
+        assert!(
+            z2 < count + 4.0 * f64::sqrt(2.0 * count),
+            "{mesh} {bounces}: z² {z2} over {count} pixels"
+        );
+        assert!(
+            difference.abs() < 4.0 * sigma && sigma < 0.01,
+            "{mesh} {bounces}: {difference} ± {sigma}"
+        );
+    }
+}
