@@ -41,7 +41,9 @@ fn main() -> Result<()> {
     npy::write(radiance_out, &shape, radiance)?;
     // Patches chosen by their light, then directions within them.
     let clusters = LightClusters::new(&environment, 256);
-    let flux: Vec<f32> = (0..clusters.len()).map(|k| clusters.patch(k).1).collect();
+    let flux: Vec<f32> = (0..clusters.len())
+        .map(|k| clusters.patch(k).flux)
+        .collect();
     let total: f32 = flux.iter().sum();
     let probe_from_world = environment.world_from_probe().transpose();
     let pdf = directions.iter().map(|&w| {

@@ -23,6 +23,19 @@ struct Cluster {
     mean: DVec3,
 }
 
+/// What a patch of light looks like from afar.
+#[derive(Clone, Copy, Debug)]
+pub struct LightPatch {
+    /// Mean direction of the light, unit, probe frame.
+    pub direction: Vec3,
+    /// Flux summed over RGB.
+    pub flux: f32,
+    /// Squared spread of the light about the direction, radians².
+    pub spread2: f32,
+    /// How far from the direction any of its light may come, radians; a chord.
+    pub radius: f32,
+}
+
 /// Patches of light, probe frame.
 #[derive(Clone, Debug)]
 pub struct LightClusters {
@@ -145,15 +158,31 @@ impl LightClusters {
         self.clusters.is_empty()
     }
 
-    /// Of patch `k`: mean direction (unit, probe frame), flux summed over RGB, and squared spread
-    /// of the light about the direction, radians².
-    pub fn patch(&self, k: usize) -> (Vec3, f32, f32) {
+    /// Patch `k` from afar.
+    pub fn patch(&self, k: usize) -> LightPatch {
         let cluster = &self.clusters[k];
-        (
-            cluster.mean.normalize_or(DVec3::Y).as_vec3(),
-            cluster.flux as f32,
-            cluster.spread2() as f32,
-        )
+        let direction = cluster.mean.normalize_or(DVec3::Y).as_vec3();
+        // The farthest of a grid of points over the rectangle, its corners among them.
+        let (columns, rows) = (&cluster.columns, &cluster.rows);
+        let mut radius = 0.0f32;
+        for i in 0..=8 {
+            for j in 0..=8 {
+                let along = |range: &std::ops::Range<usize>, step: usize| {
+                    range.start as f32 + range.len() as f32 * step as f32 / 8.0
+                };
+                let uv = Vec2::new(
+                    along(columns, i) / self.width as f32,
+                    along(rows, j) / self.height as f32,
+                );
+                radius = radius.max((direction_from_latlong(uv) - direction).length());
+            }
+        }
+        LightPatch {
+            direction,
+            flux: cluster.flux as f32,
+            spread2: cluster.spread2() as f32,
+            radius,
+        }
     }
 
     /// A direction (unit, probe frame) in patch `k`, drawn in proportion to the light there from
@@ -301,7 +330,7 @@ mod tests {
         for count in [1, 2, 17, 256, 10_000] {
             let clusters = LightClusters::new(&environment, count);
             assert!(clusters.len() <= count);
-            let total: f32 = (0..clusters.len()).map(|k| clusters.patch(k).1).sum();
+            let total: f32 = (0..clusters.len()).map(|k| clusters.patch(k).flux).sum();
             let expected = environment.mean_radiance().element_sum() * 4.0 * std::f32::consts::PI;
             assert!(
                 (total / expected - 1.0).abs() < 1e-4,
@@ -316,7 +345,7 @@ mod tests {
         let clusters = LightClusters::new(&environment, 64);
         let light = environment.turned(glam::Mat3::IDENTITY);
         for k in 0..clusters.len() {
-            let (_, flux, _) = clusters.patch(k);
+            let flux = clusters.patch(k).flux;
             if flux == 0.0 {
                 continue;
             }
@@ -341,8 +370,8 @@ mod tests {
         let clusters = LightClusters::new(&lamp(), 64);
         let bright = (0..clusters.len())
             .map(|k| clusters.patch(k))
-            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .max_by(|a, b| a.flux.total_cmp(&b.flux))
             .unwrap();
-        assert!(bright.2 < 0.02, "{bright:?}");
+        assert!(bright.spread2 < 0.02, "{bright:?}");
     }
 }

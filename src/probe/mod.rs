@@ -8,7 +8,7 @@ mod environment;
 mod pyramid;
 mod repair;
 
-pub use clusters::LightClusters;
+pub use clusters::{LightClusters, LightPatch};
 pub use environment::{Environment, TurnedLight};
 pub use pyramid::{LightNode, LightPyramid};
 pub use repair::{ProbeError, ProbeReport, repair};

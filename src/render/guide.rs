@@ -36,6 +36,7 @@ pub(super) struct FrameLight<'a> {
     directions: [[f32; LIGHTS]; 3],
     flux: [f32; LIGHTS],
     spread2: [f32; LIGHTS],
+    radius: [f32; LIGHTS],
     cell: [u16; LIGHTS],
     /// Mean radiance, summed over RGB.
     mean: f32,
@@ -56,19 +57,21 @@ impl<'a> FrameLight<'a> {
             directions: [[0.0; LIGHTS], [0.0; LIGHTS], [1.0; LIGHTS]],
             flux: [0.0; LIGHTS],
             spread2: [0.0; LIGHTS],
+            radius: [0.0; LIGHTS],
             cell: [0; LIGHTS],
             mean: 0.0,
         };
         for k in 0..clusters.len().min(LIGHTS) {
-            let (direction, flux, spread2) = clusters.patch(k);
-            let direction = frame_light.object_from_probe * direction;
+            let patch = clusters.patch(k);
+            let direction = frame_light.object_from_probe * patch.direction;
             for (axis, values) in frame_light.directions.iter_mut().enumerate() {
                 values[k] = direction[axis];
             }
-            frame_light.flux[k] = flux;
-            frame_light.spread2[k] = spread2;
+            frame_light.flux[k] = patch.flux;
+            frame_light.spread2[k] = patch.spread2;
+            frame_light.radius[k] = patch.radius;
             frame_light.cell[k] = cell_of(direction) as u16;
-            frame_light.mean += flux / (4.0 * std::f32::consts::PI);
+            frame_light.mean += patch.flux / (4.0 * std::f32::consts::PI);
         }
         frame_light
     }
@@ -136,6 +139,7 @@ impl Guide {
         lobe.expect(
             &light.directions,
             &light.spread2,
+            &light.radius,
             &mut diffuse,
             &mut specular,
         );
@@ -155,6 +159,7 @@ impl Guide {
             lobe.expect(
                 &middles.0,
                 &[CELL_SPREAD2; CELLS],
+                &[CELL_RADIUS; CELLS],
                 &mut diffuse,
                 &mut specular,
             );
@@ -261,6 +266,12 @@ impl Guide {
 /// Squared spread of a cell of the direction map, radians².
 const CELL_SPREAD2: f32 = 4.0 * std::f32::consts::PI / CELLS as f32 / 6.0;
 
+/// How far from its middle a cell reaches, radians.
+const CELL_RADIUS: f32 = 0.2;
+/// What a patch of light that only reaches above the horizon counts, as a share of its reach. Without
+/// it, the brightest texels were drawn once in millions where their patch's middle was just below.
+const REACH: f32 = 0.1;
+
 /// What a surface reflects of a patch of light, roughly.
 struct ExpectedLobe {
     normal: Vec3,
@@ -294,6 +305,7 @@ impl ExpectedLobe {
         &self,
         directions: &[[f32; LIGHTS]; 3],
         spread2: &[f32; LIGHTS],
+        radius: &[f32; LIGHTS],
         diffuse: &mut [f32; LIGHTS],
         specular: &mut [f32; LIGHTS],
     ) {
@@ -301,9 +313,9 @@ impl ExpectedLobe {
         if std::arch::is_x86_feature_detected!("avx2") {
             #[expect(unsafe_code, reason = "the processor was just asked for AVX2")]
             // SAFETY: AVX2 is present.
-            return unsafe { self.expect_avx2(directions, spread2, diffuse, specular) };
+            return unsafe { self.expect_avx2(directions, spread2, radius, diffuse, specular) };
         }
-        self.expect_any(directions, spread2, diffuse, specular);
+        self.expect_any(directions, spread2, radius, diffuse, specular);
     }
 
     #[cfg(target_arch = "x86_64")]
@@ -312,10 +324,11 @@ impl ExpectedLobe {
         &self,
         directions: &[[f32; LIGHTS]; 3],
         spread2: &[f32; LIGHTS],
+        radius: &[f32; LIGHTS],
         diffuse: &mut [f32; LIGHTS],
         specular: &mut [f32; LIGHTS],
     ) {
-        self.expect_any(directions, spread2, diffuse, specular);
+        self.expect_any(directions, spread2, radius, diffuse, specular);
     }
 
     #[inline(always)]
@@ -323,6 +336,7 @@ impl ExpectedLobe {
         &self,
         [x, y, z]: &[[f32; LIGHTS]; 3],
         spread2: &[f32; LIGHTS],
+        radius: &[f32; LIGHTS],
         diffuse: &mut [f32; LIGHTS],
         specular: &mut [f32; LIGHTS],
     ) {
@@ -330,9 +344,11 @@ impl ExpectedLobe {
         let scale = self.specular / (4.0 * std::f32::consts::PI * self.cos_o);
         for k in 0..LIGHTS {
             let cos = x[k] * n.x + y[k] * n.y + z[k] * n.z;
-            // A patch across the horizon still sends some light.
+            // A patch across the horizon still sends some light, and one whose middle is well below
+            // may reach above it.
             let spread = spread2[k].sqrt();
             let lit = (0.5 * (cos + spread)).max(0.0).min(spread).max(cos);
+            let lit = lit.max(REACH * (cos + radius[k]));
             let length2 = (2.0 + 2.0 * (x[k] * o.x + y[k] * o.y + z[k] * o.z)).max(1e-4);
             let along = cos + self.cos_o;
             let cos2 = (along * along / length2).min(1.0);
