@@ -7,7 +7,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use super::Environment;
 use crate::geometry::{direction_from_latlong, latlong_from_direction};
@@ -21,6 +21,8 @@ struct Cluster {
     flux: f64,
     /// Flux-weighted mean direction, probe frame; not a unit vector.
     mean: DVec3,
+    /// `∫ E ω dω` of each channel.
+    moments: [DVec3; 3],
 }
 
 /// What a patch of light looks like from afar.
@@ -34,6 +36,9 @@ pub struct LightPatch {
     pub spread2: f32,
     /// How far from the direction any of its light may come, radians; a chord.
     pub radius: f32,
+    /// `∫ E ω dω`, one column a channel, linear RGB × steradian: its product with a normal that
+    /// sees the whole patch is the patch's irradiance there.
+    pub moments: Mat3,
 }
 
 /// Patches of light, probe frame.
@@ -61,16 +66,18 @@ impl LightClusters {
         let image = environment.image();
         let (width, height) = (image.width, image.height);
         let count = count.clamp(1, usize::from(u16::MAX));
-        let flux: Vec<f32> = (0..height)
+        let rgb: Vec<Vec3> = (0..height)
             .flat_map(|row| (0..width).map(move |column| (column, row)))
-            .map(|(column, row)| environment.cell_flux(column, row).element_sum() as f32)
+            .map(|(column, row)| environment.cell_flux(column, row).as_vec3())
             .collect();
+        let flux: Vec<f32> = rgb.iter().map(|rgb| rgb.element_sum()).collect();
         let measure = |columns: std::ops::Range<usize>, rows: std::ops::Range<usize>| {
             let mut cluster = Cluster {
                 columns: columns.clone(),
                 rows: rows.clone(),
                 flux: 0.0,
                 mean: DVec3::ZERO,
+                moments: [DVec3::ZERO; 3],
             };
             for row in rows {
                 for column in columns.clone() {
@@ -79,8 +86,13 @@ impl LightClusters {
                         (column as f32 + 0.5) / width as f32,
                         (row as f32 + 0.5) / height as f32,
                     );
+                    let direction = direction_from_latlong(uv).as_dvec3();
                     cluster.flux += weight;
-                    cluster.mean += weight * direction_from_latlong(uv).as_dvec3();
+                    cluster.mean += weight * direction;
+                    let rgb = rgb[row * width + column].as_dvec3();
+                    for (moment, flux) in cluster.moments.iter_mut().zip(rgb.to_array()) {
+                        *moment += flux * direction;
+                    }
                 }
             }
             if cluster.flux > 0.0 {
@@ -148,6 +160,11 @@ impl LightClusters {
         }
     }
 
+    /// Whether texels are so small that [`LightPatch::moments`] is exact to 1e-4.
+    pub fn has_small_texels(&self) -> bool {
+        self.width >= 128
+    }
+
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.clusters.len()
@@ -182,6 +199,11 @@ impl LightClusters {
             flux: cluster.flux as f32,
             spread2: cluster.spread2() as f32,
             radius,
+            moments: Mat3::from_cols(
+                cluster.moments[0].as_vec3(),
+                cluster.moments[1].as_vec3(),
+                cluster.moments[2].as_vec3(),
+            ),
         }
     }
 
@@ -206,13 +228,26 @@ impl LightClusters {
         Vec3::new(sin * sin_phi, cos as f32, -sin * cos_phi)
     }
 
+    /// The patch that a direction (unit, probe frame) lies in.
+    #[inline]
+    pub fn of(&self, direction: Vec3) -> usize {
+        let (column, row) = self.texel(direction);
+        usize::from(self.of_texel[row * self.width + column])
+    }
+
+    #[inline]
+    fn texel(&self, direction: Vec3) -> (usize, usize) {
+        let uv = latlong_from_direction(direction);
+        let column = ((uv.x * self.width as f32) as usize).min(self.width - 1);
+        let row = ((uv.y * self.height as f32) as usize).min(self.height - 1);
+        (column, row)
+    }
+
     /// The patch that a direction (unit, probe frame) lies in, and the density per steradian with
     /// which [`LightClusters::sample`] draws it from that patch.
     #[inline]
     pub fn density(&self, direction: Vec3) -> (usize, f32) {
-        let uv = latlong_from_direction(direction);
-        let column = ((uv.x * self.width as f32) as usize).min(self.width - 1);
-        let row = ((uv.y * self.height as f32) as usize).min(self.height - 1);
+        let (column, row) = self.texel(direction);
         let k = usize::from(self.of_texel[row * self.width + column]);
         let cluster = &self.clusters[k];
         let first = self.first_row[k] as usize;

@@ -1,15 +1,17 @@
 //! Where one surface point should send its samples.
 //!
 //! ```text
-//! L = c · rho_d/π I(n) + ∫ [ V f E + (1 − V) f L' − c f_d E ] (n·ω)+ dω,   f = f_d + f_s
+//! L = rho_d/π [I(n) − M n] + ∫ [ V f E + (1 − V) f L' − c f_d E ] (n·ω)+ dω,   f = f_d + f_s
 //! ```
 //!
-//! for any constant `c`. With `c = 1` the diffuse answer of an open point comes from a table without
-//! noise, and what is left to sample is the lobe where the light is seen and the loss where it is not;
-//! `c = 0` suits points in hollows. Three techniques share the samples, in proportion to what each is
-//! expected to find: patches of light, weighed by normal, lobe and blockage; blocked cells of the
-//! direction map, for light from the object itself; and visible normals of the lobe. One direction is
-//! drawn from their mixture (balance heuristic, Veach 1997).
+//! The diffuse answer of an open point comes from a table without noise, less the patches of light that
+//! are mostly hidden from here: those are left out (`c = 0` there, else 1), their irradiance being
+//! linear in the normal, `M n`. What remains to be sampled is small: the lobe where the light is seen,
+//! hidden light that is seen after all, seen light that is hidden, and the object's own light. Three
+//! techniques share the samples, in proportion to what each is expected to find: patches of light,
+//! weighed by normal, lobe and blockage; blocked cells of the direction map, for light from the object
+//! itself; and visible normals of the lobe. One direction is drawn from their mixture (balance
+//! heuristic, Veach 1997).
 
 use glam::{Mat3, Vec2, Vec3};
 
@@ -23,8 +25,11 @@ pub(super) const LIGHTS: usize = CELLS;
 /// Share of a technique at least, if it can find anything: keeps weights bounded where the
 /// expectation is wrong.
 const SMALLEST_SHARE: f32 = 0.05;
-/// Beyond this blocked share of the hemisphere the open part is sampled instead of the loss.
-const CLOSED: f32 = 0.4;
+/// Cosine between the normals of a guide and of a sample that may still share its hidden light.
+const SAME_FACING: f32 = 0.995;
+/// How far above the horizon a patch of light must lie whole to be left out, radians: more than the
+/// angle of [`SAME_FACING`].
+const CLEAR: f32 = 0.12;
 
 /// The light of one frame as the guides see it, object frame.
 pub(super) struct FrameLight<'a> {
@@ -37,6 +42,7 @@ pub(super) struct FrameLight<'a> {
     flux: [f32; LIGHTS],
     spread2: [f32; LIGHTS],
     radius: [f32; LIGHTS],
+    moments: Vec<Mat3>,
     cell: [u16; LIGHTS],
     /// Mean radiance, summed over RGB.
     mean: f32,
@@ -58,6 +64,7 @@ impl<'a> FrameLight<'a> {
             flux: [0.0; LIGHTS],
             spread2: [0.0; LIGHTS],
             radius: [0.0; LIGHTS],
+            moments: vec![Mat3::ZERO; LIGHTS],
             cell: [0; LIGHTS],
             mean: 0.0,
         };
@@ -70,6 +77,7 @@ impl<'a> FrameLight<'a> {
             frame_light.flux[k] = patch.flux;
             frame_light.spread2[k] = patch.spread2;
             frame_light.radius[k] = patch.radius;
+            frame_light.moments[k] = frame_light.object_from_probe * patch.moments;
             frame_light.cell[k] = cell_of(direction) as u16;
             frame_light.mean += patch.flux / (4.0 * std::f32::consts::PI);
         }
@@ -104,8 +112,12 @@ impl CellMiddles {
 /// Where samples of one surface point go.
 #[derive(Clone)]
 pub(super) struct Guide {
-    /// Whether the diffuse answer of an open point is taken from the table (`c`).
-    pub(super) control: bool,
+    /// Normal that the guide was made for.
+    normal: Vec3,
+    /// `∫ E ω dω` of the light left out of the table's answer, one column a channel.
+    hidden_moments: Mat3,
+    /// `[patch of light]` whether it is left out.
+    hidden: [bool; LIGHTS],
     /// What the samples are expected to find, summed over RGB.
     pub(super) expected: f32,
     /// Shares of light patches, of blocked cells and of the lobe; they sum to 1.
@@ -130,12 +142,11 @@ impl Guide {
         middles: &CellMiddles,
         indirect: bool,
     ) -> Self {
-        let control = patch.closed < CLOSED;
         let lobe = ExpectedLobe::new(surface);
         let (mut diffuse, mut specular) = ([0.0; CELLS], [0.0; CELLS]);
 
-        // Light patches: the lobe where they are seen, the diffuse part where they are not (or the
-        // other way round without control).
+        // Light patches: the lobe where they are seen; the diffuse part where seen ones are not, and
+        // hidden ones are.
         lobe.expect(
             &light.directions,
             &light.spread2,
@@ -143,10 +154,24 @@ impl Guide {
             &mut diffuse,
             &mut specular,
         );
+        let normal = surface.frame.normal;
         let mut weights = [0.0; LIGHTS];
+        let mut hidden = [false; LIGHTS];
+        let mut hidden_moments = Mat3::ZERO;
         for k in 0..LIGHTS {
             let blocked = patch.blocked[usize::from(light.cell[k])];
-            let wanted = if control { blocked } else { 1.0 - blocked };
+            if blocked > 0.5 && light.clusters.has_small_texels() {
+                let cos = (0..3)
+                    .map(|axis| light.directions[axis][k] * normal[axis])
+                    .sum::<f32>();
+                hidden[k] = cos > light.radius[k] + CLEAR;
+            }
+            let wanted = if hidden[k] {
+                hidden_moments += light.moments[k];
+                1.0 - blocked
+            } else {
+                blocked
+            };
             specular[k] *= (1.0 - blocked) * light.flux[k];
             weights[k] = diffuse[k] * wanted * light.flux[k] + specular[k];
         }
@@ -180,7 +205,9 @@ impl Guide {
         };
         let found = [lights.sum - lobes.min(0.5 * lights.sum), cells.sum, lobes];
         let mut guide = Self {
-            control,
+            normal,
+            hidden_moments,
+            hidden,
             expected: lights.sum + cells.sum,
             shares: [0.0; 3],
             lights,
@@ -232,6 +259,19 @@ impl Guide {
         } else {
             None
         }
+    }
+
+    /// Irradiance that the table's answer holds too much at a normal, linear RGB; `None` where the
+    /// normal is not the guide's and all light is left in (`c = 1` throughout).
+    #[inline]
+    pub(super) fn left_out(&self, normal: Vec3) -> Option<Vec3> {
+        (normal.dot(self.normal) > SAME_FACING).then(|| self.hidden_moments.transpose() * normal)
+    }
+
+    /// Whether the light in a direction (unit, object frame) is left out.
+    #[inline]
+    pub(super) fn is_hidden(&self, light: &FrameLight<'_>, direction: Vec3) -> bool {
+        self.hidden[light.clusters.of(light.probe_from_object * direction)]
     }
 
     /// Density with which [`Guide::sample`] returns `direction`, per steradian.
@@ -447,7 +487,6 @@ mod tests {
                     0.03
                 }
             }),
-            closed: 0.3,
             convex: false,
         };
         (Environment::new(image, 0.4).unwrap().0, patch)
@@ -468,11 +507,7 @@ mod tests {
             (0.4, 0.0, true),
             (0.3, 2.35, false),
         ] {
-            for closed in [0.1, 0.8] {
-                let patch = Patch {
-                    closed,
-                    ..copy(&patch)
-                };
+            {
                 let brdf = Dichromatic {
                     rho_d: Vec3::new(0.4, 0.3, 0.2),
                     rho_s: Vec3::splat(rho_s),
@@ -514,17 +549,10 @@ mod tests {
                     let expected = std::f64::consts::PI / 4.0;
                     assert!(
                         (mean - expected).abs() < 4.0 * sigma + 1e-3 && sigma < 0.05,
-                        "alpha {alpha} rho_s {rho_s} closed {closed}: {mean} ± {sigma}"
+                        "alpha {alpha} rho_s {rho_s}: {mean} ± {sigma}"
                     );
                 }
             }
-        }
-    }
-
-    fn copy(patch: &Patch) -> Patch {
-        Patch {
-            blocked: patch.blocked,
-            ..*patch
         }
     }
 

@@ -91,14 +91,14 @@ impl Illuminated<'_> {
                 &own
             };
 
-            // The diffuse answer of an open point.
-            if guide.control {
-                let facing = (self.world_from_object * frame.normal).normalize();
-                let reflected = throughput * brdf.rho_d * FRAC_1_PI * stage.irradiance.at(facing);
-                radiance += reflected;
-                if bounce == 1 {
-                    expected += reflected.element_sum();
-                }
+            // The diffuse answer of an open point, less the light that is mostly hidden from here.
+            let facing = (self.world_from_object * frame.normal).normalize();
+            let left_out = guide.left_out(frame.normal);
+            let irradiance = stage.irradiance.at(facing) - left_out.unwrap_or(Vec3::ZERO);
+            let tabulated = throughput * brdf.rho_d * FRAC_1_PI * irradiance;
+            radiance += tabulated;
+            if bounce == 1 {
+                expected += tabulated.element_sum().max(0.0);
             }
 
             // The rest, if it matters: one direction of the guide's mixture.
@@ -123,10 +123,11 @@ impl Illuminated<'_> {
                 break;
             }
             let reflected = brdf.eval(wi, wo) * wi.0.z;
-            let tabulated = if guide.control {
-                brdf.rho_d * (FRAC_1_PI * wi.0.z)
-            } else {
+            let hidden = left_out.is_some() && guide.is_hidden(&self.light, direction);
+            let tabulated = if hidden {
                 Vec3::ZERO
+            } else {
+                brdf.rho_d * (FRAC_1_PI * wi.0.z)
             };
 
             // Is the light seen there, or the object?

@@ -18,9 +18,9 @@ use crate::scene::Scene;
 /// A shipped mesh under a soft lamp and a sky, seen from above.
 fn stage(mesh: &str, material: &str) -> Stage {
     let folder = tempfile::tempdir().unwrap();
-    let pixels = (0..32 * 16)
+    let pixels = (0..128 * 64)
         .map(|i| {
-            let (x, y) = ((i % 32) as f32, (i / 32) as f32);
+            let (x, y) = ((i % 128) as f32 / 4.0, (i / 128) as f32 / 4.0);
             let lamp = (-0.15 * ((x - 9.0).powi(2) + (y - 4.0).powi(2))).exp();
             [
                 0.4 + 9.0 * lamp,
@@ -33,8 +33,8 @@ fn stage(mesh: &str, material: &str) -> Stage {
     write_exr(
         &probe,
         &RgbImage {
-            width: 32,
-            height: 16,
+            width: 128,
+            height: 64,
             pixels,
         },
     )

@@ -35,8 +35,6 @@ const DOUBT: f32 = 0.03;
 pub(super) struct Patch {
     /// `[cell]` probability that a direction is blocked, in (0, 1).
     pub(super) blocked: [f32; CELLS],
-    /// Mean of that over the hemisphere, weighted by the cosine.
-    pub(super) closed: f32,
     /// Whether nothing of the mesh rises above the plane of any triangle of the patch: directions
     /// above the plane need no ray.
     pub(super) convex: bool,
@@ -146,11 +144,7 @@ impl Patches {
                 let height = cell_middle(cell).dot(facing) / CELL_WIDTH;
                 (0.5 - height).clamp(DOUBT, 1.0 - DOUBT)
             });
-            return Patch {
-                blocked,
-                closed: 0.0,
-                convex,
-            };
+            return Patch { blocked, convex };
         }
 
         // The share of blocked rays in each cell; triangles of one patch face alike within some
@@ -192,16 +186,7 @@ impl Patches {
             }
             (0.8 * hits[cell] + 0.2 * around).clamp(DOUBT, 1.0 - DOUBT)
         });
-        let cosine = |cell: usize| cell_middle(cell).dot(facing).max(0.0);
-        let cosines: f32 = (0..CELLS).map(cosine).sum();
-        Patch {
-            blocked,
-            closed: (0..CELLS)
-                .map(|cell| cosine(cell) * hits[cell])
-                .sum::<f32>()
-                / cosines,
-            convex,
-        }
+        Patch { blocked, convex }
     }
 }
 
