@@ -15,7 +15,7 @@
 
 use glam::{Mat3, Vec2, Vec3};
 
-use super::patches::{CELLS, Patch, SIDE, cell_middle};
+use super::patches::{CELLS, DOUBT, Patch, SIDE, cell_middle};
 use crate::brdf::Dichromatic;
 use crate::geometry::{Frame, Local, direction_from_octahedral, octahedral_from_direction};
 use crate::probe::{Environment, LightClusters, TurnedLight};
@@ -25,6 +25,10 @@ pub(super) const LIGHTS: usize = CELLS;
 /// Share of a technique at least, if it can find anything: keeps weights bounded where the
 /// expectation is wrong.
 const SMALLEST_SHARE: f32 = 0.05;
+/// Share of the unoccluded light from which on a patch of light is worth a ray of its own. The shadow
+/// of a lamp is sharper than the cells of the direction map: without this ray, lamps that are seen
+/// through a gap made most of the noise of concave objects.
+const WORTH_A_RAY: f32 = 0.02;
 /// Cosine between the normals of a guide and of a sample that may still share its hidden light.
 const SAME_FACING: f32 = 0.995;
 /// How far above the horizon a patch of light must lie whole to be left out, radians: more than the
@@ -134,19 +138,19 @@ pub(super) struct Surface<'a> {
 }
 
 impl Guide {
-    /// Weighs the light for a surface on a patch. `indirect` tells whether paths go on.
+    /// Weighs the light for a surface on a patch. `indirect` tells whether paths go on; `occluded`,
+    /// where it is worth it, whether the middle of a patch of light is hidden from this very point.
     pub(super) fn new(
         surface: &Surface<'_>,
         patch: &Patch,
         light: &FrameLight<'_>,
         middles: &CellMiddles,
         indirect: bool,
+        occluded: Option<&mut dyn FnMut(Vec3) -> bool>,
     ) -> Self {
         let lobe = ExpectedLobe::new(surface);
         let (mut diffuse, mut specular) = ([0.0; CELLS], [0.0; CELLS]);
 
-        // Light patches: the lobe where they are seen; the diffuse part where seen ones are not, and
-        // hidden ones are.
         lobe.expect(
             &light.directions,
             &light.spread2,
@@ -154,12 +158,32 @@ impl Guide {
             &mut diffuse,
             &mut specular,
         );
+
+        // What hides each patch of light; the few that matter most are asked for here.
+        let mut blocked: [f32; LIGHTS] =
+            std::array::from_fn(|k| patch.blocked[usize::from(light.cell[k])]);
+        if let Some(occluded) = occluded {
+            let open: [f32; LIGHTS] =
+                std::array::from_fn(|k| (diffuse[k] + specular[k]) * light.flux[k]);
+            let matters = WORTH_A_RAY * sum_of(&open);
+            for k in 0..LIGHTS {
+                if open[k] > matters {
+                    let direction = Vec3::from([0, 1, 2].map(|axis| light.directions[axis][k]));
+                    let here = f32::from(u8::from(occluded(direction)));
+                    let told = here + (blocked[k] - here) * (light.radius[k] * 4.0).min(0.5);
+                    blocked[k] = told.clamp(DOUBT, 1.0 - DOUBT);
+                }
+            }
+        }
+
+        // Light patches: the lobe where they are seen; the diffuse part where seen ones are not, and
+        // hidden ones are.
         let normal = surface.frame.normal;
         let mut weights = [0.0; LIGHTS];
         let mut hidden = [false; LIGHTS];
         let mut hidden_moments = Mat3::ZERO;
         for k in 0..LIGHTS {
-            let blocked = patch.blocked[usize::from(light.cell[k])];
+            let blocked = blocked[k];
             if blocked > 0.5 && light.clusters.has_small_texels() {
                 let cos = (0..3)
                     .map(|axis| light.directions[axis][k] * normal[axis])
@@ -521,7 +545,7 @@ mod tests {
                     wo: Local(Vec3::new(0.5, 0.2, 0.8).normalize()),
                     brdf: &brdf,
                 };
-                let guide = Guide::new(&surface, &patch, &light, &middles, indirect);
+                let guide = Guide::new(&surface, &patch, &light, &middles, indirect, None);
                 let n = 1 << 16;
                 let mut octants = [(0.0f64, 0.0f64); 4];
                 for index in 0..n {
@@ -573,7 +597,7 @@ mod tests {
             wo: Local(Vec3::Z),
             brdf: &brdf,
         };
-        let guide = Guide::new(&surface, &patch, &light, &CellMiddles::new(), true);
+        let guide = Guide::new(&surface, &patch, &light, &CellMiddles::new(), true, None);
         assert_eq!(guide.expected, 0.0);
         assert!(
             guide

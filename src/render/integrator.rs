@@ -82,12 +82,27 @@ impl Illuminated<'_> {
             let number = stage.patches.of(hit.triangle);
             let patch = stage.patches.get(number, mesh, &stage.accel);
             let go_on = bounce < self.bounces;
-            let guide_here = || Guide::new(&surface, patch, &self.light, &stage.middles, go_on);
+            let side = mesh.geometric_normal(hit.triangle);
+            let position = mesh.position_at(hit.triangle, barycentric);
+            let mut occluded = |direction: Vec3| {
+                stats.shadow_rays += 1;
+                stage
+                    .accel
+                    .occluded(&leave(position, side, direction), f32::INFINITY)
+            };
+            let (light, middles) = (&self.light, &stage.middles);
             let own;
             let guide = if bounce == 1 {
-                guides.of(number, guide_here)
+                guides.of(number, || {
+                    let ask: Option<&mut dyn FnMut(Vec3) -> bool> = if patch.convex {
+                        None
+                    } else {
+                        Some(&mut occluded)
+                    };
+                    Guide::new(&surface, patch, light, middles, go_on, ask)
+                })
             } else {
-                own = guide_here();
+                own = Guide::new(&surface, patch, light, middles, go_on, None);
                 &own
             };
 
@@ -131,8 +146,6 @@ impl Illuminated<'_> {
             };
 
             // Is the light seen there, or the object?
-            let side = mesh.geometric_normal(hit.triangle);
-            let position = mesh.position_at(hit.triangle, barycentric);
             let next_ray = leave(position, side, direction);
             let above = side.dot(direction) > 0.0 && side.dot(ray.direction) < 0.0;
             let met = if patch.convex && above {

@@ -28,7 +28,7 @@ const CELL_WIDTH: f32 = 0.22;
 const LARGEST_COUNT: usize = 2048;
 /// Probability at least that a direction is blocked, and that it is open: no direction is ruled out,
 /// and a wrong expectation costs no more than its inverse.
-const DOUBT: f32 = 0.03;
+pub(super) const DOUBT: f32 = 0.03;
 
 /// What is known about one patch.
 #[derive(Debug)]
