@@ -41,14 +41,14 @@ fn main() -> Result<()> {
     npy::write(radiance_out, &shape, radiance)?;
     // Patches chosen by their light, then directions within them.
     let clusters = LightClusters::new(&environment, 256);
-    let flux: Vec<f32> = (0..clusters.len())
-        .map(|k| clusters.patch(k).flux)
+    let flux: Vec<f64> = (0..clusters.len())
+        .map(|k| f64::from(clusters.patch(k).flux))
         .collect();
-    let total: f32 = flux.iter().sum();
+    let total: f64 = flux.iter().sum();
     let probe_from_world = environment.world_from_probe().transpose();
     let pdf = directions.iter().map(|&w| {
         let (patch, density) = clusters.density(probe_from_world * w);
-        flux[patch] / total * density
+        (flux[patch] / total * f64::from(density)) as f32
     });
     npy::write(pdf_out, &shape[..1], pdf)
 }
