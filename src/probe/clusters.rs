@@ -160,9 +160,10 @@ impl LightClusters {
         }
     }
 
-    /// Whether texels are so small that [`LightPatch::moments`] is exact to 1e-4.
+    /// Whether texels are so small, 1.4°, that their light may be placed at their centres, as
+    /// [`LightPatch::moments`] does.
     pub fn has_small_texels(&self) -> bool {
-        self.width >= 128
+        self.width >= 256 && self.height >= 128
     }
 
     /// Number of patches.

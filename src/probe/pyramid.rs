@@ -56,8 +56,10 @@ impl LightPyramid {
         let image = environment.image();
         let reduce = image.width.div_ceil(Self::FINEST_WIDTH).max(1);
         // An even number, so that no part straddles a kink of the bilinear function.
+        // A map a few texels wide but thousands high stays as it is.
         let divide = match Self::COARSEST_WIDTH.div_ceil(image.width) {
             1 => 1,
+            _ if image.height > Self::COARSEST_WIDTH => 1,
             parts => parts.next_multiple_of(2),
         };
         let (width, height) = (

@@ -183,7 +183,7 @@ pub fn render_frame(
         Pixel {
             radiance: (sum / f64::from(samples.max(1))).as_vec3(),
             // 255 is kept for pixels that every sample hit.
-            coverage: if hits == samples {
+            coverage: if hits == samples && samples > 0 {
                 255
             } else {
                 (u64::from(hits) * 255 / u64::from(samples.max(1))).min(254) as u8

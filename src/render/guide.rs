@@ -29,8 +29,9 @@ const SMALLEST_SHARE: f32 = 0.05;
 /// of a lamp is sharper than the cells of the direction map: without this ray, lamps that are seen
 /// through a gap made most of the noise of concave objects.
 const WORTH_A_RAY: f32 = 0.02;
-/// Cosine between the normals of a guide and of a sample that may still share its hidden light.
+/// Cosine between the normals of a guide and of a point that it still serves, and that angle, radians.
 const SAME_FACING: f32 = 0.995;
+const SAME_FACING_ANGLE: f32 = 0.1;
 /// How far above the horizon a patch of light must lie whole to be left out, radians: more than the
 /// angle of [`SAME_FACING`].
 const CLEAR: f32 = 0.12;
@@ -285,11 +286,18 @@ impl Guide {
         }
     }
 
-    /// Irradiance that the table's answer holds too much at a normal, linear RGB; `None` where the
-    /// normal is not the guide's and all light is left in (`c = 1` throughout).
+    /// Whether another point of the patch may use this guide: one that faces nearly as the guide's
+    /// own did. A guide made for a black point has nothing to offer to others.
     #[inline]
-    pub(super) fn left_out(&self, normal: Vec3) -> Option<Vec3> {
-        (normal.dot(self.normal) > SAME_FACING).then(|| self.hidden_moments.transpose() * normal)
+    pub(super) fn serves(&self, normal: Vec3) -> bool {
+        normal.dot(self.normal) > SAME_FACING && self.shares != [0.0; 3]
+    }
+
+    /// Irradiance of the light that is left out, which the table's answer holds, at a normal that the
+    /// guide serves, linear RGB.
+    #[inline]
+    pub(super) fn left_out(&self, normal: Vec3) -> Vec3 {
+        self.hidden_moments.transpose() * normal
     }
 
     /// Whether the light in a direction (unit, object frame) is left out.
@@ -330,8 +338,8 @@ impl Guide {
 /// Squared spread of a cell of the direction map, radians².
 const CELL_SPREAD2: f32 = 4.0 * std::f32::consts::PI / CELLS as f32 / 6.0;
 
-/// How far from its middle a cell reaches, radians.
-const CELL_RADIUS: f32 = 0.2;
+/// How far from its middle a cell reaches, as a chord.
+const CELL_RADIUS: f32 = 0.27;
 /// What a patch of light that only reaches above the horizon counts, as a share of its reach. Without
 /// it, the brightest texels were drawn once in millions where their patch's middle was just below.
 const REACH: f32 = 0.1;
@@ -412,7 +420,7 @@ impl ExpectedLobe {
             // may reach above it.
             let spread = spread2[k].sqrt();
             let lit = (0.5 * (cos + spread)).max(0.0).min(spread).max(cos);
-            let lit = lit.max(REACH * (cos + radius[k]));
+            let lit = lit.max(REACH * (cos + radius[k] + SAME_FACING_ANGLE));
             let length2 = (2.0 + 2.0 * (x[k] * o.x + y[k] * o.y + z[k] * o.z)).max(1e-4);
             let along = cos + self.cos_o;
             let cos2 = (along * along / length2).min(1.0);
@@ -460,6 +468,10 @@ impl Weights {
         while k < last && rest >= self.each[k] {
             rest -= self.each[k];
             k += 1;
+        }
+        // Rounding may carry the last quantiles past the last weight.
+        while k > 0 && self.each[k] == 0.0 {
+            k -= 1;
         }
         let width = self.each[k];
         let place = if width > 0.0 { rest / width } else { 0.5 };
@@ -604,6 +616,38 @@ mod tests {
                 .sample(&surface, &light, Vec2::splat(0.5), 0.5)
                 .is_none()
         );
+    }
+
+    #[test]
+    fn cells_reach_no_farther_than_stated() {
+        for cell in 0..CELLS {
+            for (x, y) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+                let corner = Vec2::new((cell % SIDE) as f32 + x, (cell / SIDE) as f32 + y);
+                let corner = direction_from_octahedral(corner / SIDE as f32);
+                assert!(
+                    (corner - cell_middle(cell)).length() < CELL_RADIUS,
+                    "{cell}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn last_quantiles_never_reach_empty_weights() {
+        for filled in 1..LIGHTS {
+            let weight = |k: usize| {
+                if k < filled {
+                    0.1 + (k as f32 * 0.7).sin().abs()
+                } else {
+                    0.0
+                }
+            };
+            let weights = Weights::new(std::array::from_fn(weight));
+            for below in 1..64 {
+                let u = 1.0 - below as f32 * f32::EPSILON / 2.0;
+                assert!(weights.invert(u).0 < filled, "{filled} {below}");
+            }
+        }
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub(super) struct Illuminated<'a> {
 }
 
 /// Guides of the camera's hits in one pixel, by patch. Later samples of the pixel use the guide that
-/// the first hit on their patch was given.
+/// the first hit on their patch was given, if they face alike.
 #[derive(Default)]
 pub(super) struct PixelGuides {
     known: Vec<(u32, Guide)>,
@@ -93,7 +93,7 @@ impl Illuminated<'_> {
             let (light, middles) = (&self.light, &stage.middles);
             let own;
             let guide = if bounce == 1 {
-                guides.of(number, || {
+                guides.of(number, frame.normal, || {
                     let ask: Option<&mut dyn FnMut(Vec3) -> bool> = if patch.convex {
                         None
                     } else {
@@ -109,7 +109,7 @@ impl Illuminated<'_> {
             // The diffuse answer of an open point, less the light that is mostly hidden from here.
             let facing = (self.world_from_object * frame.normal).normalize();
             let left_out = guide.left_out(frame.normal);
-            let irradiance = stage.irradiance.at(facing) - left_out.unwrap_or(Vec3::ZERO);
+            let irradiance = stage.irradiance.at(facing) - left_out;
             let tabulated = throughput * brdf.rho_d * FRAC_1_PI * irradiance;
             radiance += tabulated;
             if bounce == 1 {
@@ -122,7 +122,11 @@ impl Illuminated<'_> {
             if bounce == 1 {
                 expected += to_find;
             }
-            let survival = (to_find / (NEGLIGIBLE * expected)).clamp(SMALLEST_SURVIVAL, 1.0);
+            let survival = if to_find < NEGLIGIBLE * expected {
+                (to_find / (NEGLIGIBLE * expected)).max(SMALLEST_SURVIVAL)
+            } else {
+                1.0
+            };
             if other.y >= survival {
                 break;
             }
@@ -138,8 +142,7 @@ impl Illuminated<'_> {
                 break;
             }
             let reflected = brdf.eval(wi, wo) * wi.0.z;
-            let hidden = left_out.is_some() && guide.is_hidden(&self.light, direction);
-            let tabulated = if hidden {
+            let tabulated = if guide.is_hidden(&self.light, direction) {
                 Vec3::ZERO
             } else {
                 brdf.rho_d * (FRAC_1_PI * wi.0.z)
@@ -185,8 +188,9 @@ impl Illuminated<'_> {
 }
 
 impl PixelGuides {
-    fn of(&mut self, patch: u32, make: impl FnOnce() -> Guide) -> &Guide {
-        let place = match self.known.iter().position(|(known, _)| *known == patch) {
+    fn of(&mut self, patch: u32, normal: Vec3, make: impl FnOnce() -> Guide) -> &Guide {
+        let serves = |(known, guide): &(u32, Guide)| *known == patch && guide.serves(normal);
+        let place = match self.known.iter().position(serves) {
             Some(place) => place,
             None => {
                 if self.known.len() == Self::KEPT {

@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3, Mat3, Vec2, Vec3};
 use super::guide::FrameLight;
 use super::integrator::{Illuminated, PixelGuides};
 use super::patches::leave;
-use super::{RenderStats, Stage};
+use super::{FrameSettings, RenderStats, Stage, render_frame};
 use crate::accel::Hit;
 use crate::geometry::{Frame, Ray};
 use crate::image::{RgbImage, write_exr};
@@ -15,19 +15,21 @@ use crate::probe::TurnedLight;
 use crate::sampling::{SobolPath, as_points};
 use crate::scene::Scene;
 
-/// A shipped mesh under a soft lamp and a sky, seen from above.
-fn stage(mesh: &str, material: &str) -> Stage {
+/// A soft lamp and a sky, by texel of 32 × 16.
+fn lamp_and_sky(x: f32, y: f32) -> [f32; 3] {
+    let lamp = (-0.15 * ((x - 9.0).powi(2) + (y - 4.0).powi(2))).exp();
+    [
+        0.4 + 9.0 * lamp,
+        0.5 + 7.0 * lamp,
+        0.2 + 0.03 * x + 5.0 * lamp,
+    ]
+}
+
+/// A shipped mesh under a light, seen from above.
+fn stage(mesh: &str, material: &str, light: fn(f32, f32) -> [f32; 3]) -> Stage {
     let folder = tempfile::tempdir().unwrap();
     let pixels = (0..128 * 64)
-        .map(|i| {
-            let (x, y) = ((i % 128) as f32 / 4.0, (i / 128) as f32 / 4.0);
-            let lamp = (-0.15 * ((x - 9.0).powi(2) + (y - 4.0).powi(2))).exp();
-            [
-                0.4 + 9.0 * lamp,
-                0.5 + 7.0 * lamp,
-                0.2 + 0.03 * x + 5.0 * lamp,
-            ]
-        })
+        .map(|i| light((i % 128) as f32 / 4.0, (i / 128) as f32 / 4.0))
         .collect();
     let probe = folder.path().join("probe.exr");
     write_exr(
@@ -141,7 +143,7 @@ fn guided_paths_agree_with_plain_paths() {
             3,
         ),
     ] {
-        let stage = stage(mesh, material);
+        let stage = stage(mesh, material, lamp_and_sky);
         let angle = 1.1;
         let view = stage.view(angle);
         let world_from_object: Mat3 = view.world_from_object();
@@ -156,19 +158,35 @@ fn guided_paths_agree_with_plain_paths() {
         let (mut guided_sum, mut plain_sum, mut variance_sum) = (0.0, 0.0, 0.0);
         for pixel in 0..36u32 {
             let place = DVec2::new(f64::from(pixel % 6) + 0.5, f64::from(pixel / 6) + 0.5);
-            let ray = view.ray(place);
-            let Some(hit) = stage.accel.closest_hit(&ray, f32::INFINITY) else {
+            if stage
+                .accel
+                .closest_hit(&view.ray(place), f32::INFINITY)
+                .is_none()
+            {
                 continue;
+            }
+            // Independent numbers: each sample is another stream, so that variances are honest; and
+            // another place in the pixel, so that guides serve other points than their own.
+            let start = |seed: u64, index: u32| {
+                let mut path = SobolPath::new(seed, pixel, index, 0);
+                let [x, y, ..] = path.next_4d();
+                let jitter = DVec2::new(f64::from(x), f64::from(y)) - 0.5;
+                let ray = view.ray(place + 0.3 * jitter);
+                let hit = stage.accel.closest_hit(&ray, f32::INFINITY);
+                (path, ray, hit)
             };
             let mut guides = PixelGuides::default();
             let (mut guided, mut plain) = (Mean::default(), Mean::default());
             for index in 0..SAMPLES {
-                // Independent numbers: each sample is another stream, so that variances are honest.
-                let mut path = SobolPath::new(1, pixel, index, 0);
+                let (mut path, ray, hit) = start(1, index);
                 let mut stats = RenderStats::default();
-                guided.add(illuminated.radiance(ray, hit, &mut guides, &mut path, &mut stats));
-                let mut path = SobolPath::new(2, pixel, index, 0);
-                plain.add(plain_radiance(&stage, &light, ray, hit, bounces, &mut path));
+                guided.add(hit.map_or(Vec3::ZERO, |hit| {
+                    illuminated.radiance(ray, hit, &mut guides, &mut path, &mut stats)
+                }));
+                let (mut path, ray, hit) = start(2, index);
+                plain.add(hit.map_or(Vec3::ZERO, |hit| {
+                    plain_radiance(&stage, &light, ray, hit, bounces, &mut path)
+                }));
             }
             let ((a, va), (b, vb)) = (guided.mean_and_variance(), plain.mean_and_variance());
             let z = (a - b) / (va + vb).max(DVec3::splat(1e-12)).map(f64::sqrt);
@@ -192,5 +210,30 @@ fn guided_paths_agree_with_plain_paths() {
             difference.abs() < 4.0 * sigma && sigma < 0.01,
             "{mesh} {bounces}: {difference} ± {sigma}"
         );
+    }
+}
+
+#[test]
+fn dark_light_gives_finite_pixels() {
+    // All black; and one lamp below everything that the camera sees.
+    let black: fn(f32, f32) -> [f32; 3] = |_, _| [0.0; 3];
+    let below: fn(f32, f32) -> [f32; 3] = |x, y| {
+        let lit = (4.0..6.0).contains(&x) && y > 14.0;
+        [if lit { 50.0 } else { 0.0 }; 3]
+    };
+    for light in [black, below] {
+        for bounces in [1, 3] {
+            let material = "ndf = 'beckmann'\nalpha = 0.1\nrho_d = 0.5\nrho_s = 2.35";
+            let stage = stage("cup.ply", material, light);
+            let settings = FrameSettings {
+                samples_per_pixel: 64,
+                bounces,
+                seed: 1,
+            };
+            let frame = render_frame(&stage, 0, 0.0, &settings);
+            let pixels = frame.radiance.pixels.iter().flatten();
+            assert!(pixels.clone().all(|value| value.is_finite()));
+            assert!(pixels.clone().all(|value| value.abs() < 50.0));
+        }
     }
 }
