@@ -41,7 +41,7 @@ fn main() -> Result<()> {
     npy::write(radiance_out, &shape, radiance)?;
     // Patches chosen by their light, then directions within them.
     let clusters = LightClusters::new(&environment, 256);
-    let flux: Vec<f64> = (0..clusters.len())
+    let flux: Vec<f64> = (0..clusters.count())
         .map(|k| f64::from(clusters.patch(k).flux))
         .collect();
     let total: f64 = flux.iter().sum();

@@ -12,6 +12,21 @@ pub struct Ray {
 }
 
 impl Ray {
+    /// The ray that leaves a surface at `position`, computed on a triangle of normal `side`, for
+    /// `direction`, on whichever side of the triangle's plane that lies.
+    #[inline]
+    pub fn leaving(position: Vec3, side: Vec3, direction: Vec3) -> Self {
+        let outwards = if side.dot(direction) < 0.0 {
+            -side
+        } else {
+            side
+        };
+        Self {
+            origin: offset_origin(position, outwards),
+            direction,
+        }
+    }
+
     /// The point at distance `t`.
     #[inline]
     pub fn at(&self, t: f32) -> Vec3 {

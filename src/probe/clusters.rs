@@ -166,14 +166,9 @@ impl LightClusters {
         self.width >= 256 && self.height >= 128
     }
 
-    /// Number of patches.
-    pub fn len(&self) -> usize {
+    /// Number of patches, at least one.
+    pub fn count(&self) -> usize {
         self.clusters.len()
-    }
-
-    /// Whether there are none; there always is one.
-    pub fn is_empty(&self) -> bool {
-        self.clusters.is_empty()
     }
 
     /// Patch `k` from afar.
@@ -214,11 +209,11 @@ impl LightClusters {
     pub fn sample(&self, k: usize, u: Vec2, inside: f32) -> Vec3 {
         let cluster = &self.clusters[k];
         let first = self.first_row[k] as usize;
-        let (row, y, _) = invert(&self.row_ends[first..first + cluster.rows.len()], u.y);
+        let (row, y) = invert(&self.row_ends[first..first + cluster.rows.len()], u.y);
         let row = cluster.rows.start + row;
         let start = row * self.width;
         let ends = &self.column_ends[start + cluster.columns.start..start + cluster.columns.end];
-        let (column, ..) = invert(ends, u.x);
+        let (column, _) = invert(ends, u.x);
         let column = cluster.columns.start + column;
         // Uniform in solid angle within the texel: uniform in φ and in cos θ.
         let (top, bottom) = (self.edge_cosines[row], self.edge_cosines[row + 1]);
@@ -227,13 +222,6 @@ impl LightClusters {
         let phi = 2.0 * std::f32::consts::PI * (column as f32 + inside) / self.width as f32;
         let (sin_phi, cos_phi) = phi.sin_cos();
         Vec3::new(sin * sin_phi, cos as f32, -sin * cos_phi)
-    }
-
-    /// The patch that a direction (unit, probe frame) lies in.
-    #[inline]
-    pub fn of(&self, direction: Vec3) -> usize {
-        let (column, row) = self.texel(direction);
-        usize::from(self.of_texel[row * self.width + column])
     }
 
     #[inline]
@@ -319,16 +307,16 @@ impl Cluster {
     }
 }
 
-/// The first interval that ends beyond `u`, the place of `u` in it, in [0, 1), and its width. `ends`
+/// The first interval that ends beyond `u`, and the place of `u` in it, in [0, 1). `ends`
 /// rise to 1; empty intervals are never chosen.
 #[inline]
-fn invert(ends: &[f32], u: f32) -> (usize, f32, f32) {
+fn invert(ends: &[f32], u: f32) -> (usize, f32) {
     let last = ends.len() - 1;
     let i = ends.partition_point(|&end| end <= u).min(last);
     let low = if i == 0 { 0.0 } else { ends[i - 1] };
     let width = ends[i] - low;
     let place = if width > 0.0 { (u - low) / width } else { 0.5 };
-    (i, place.clamp(0.0, 1.0 - f32::EPSILON / 2.0), width)
+    (i, place.clamp(0.0, 1.0 - f32::EPSILON / 2.0))
 }
 
 #[cfg(test)]
@@ -365,8 +353,8 @@ mod tests {
         let environment = lamp();
         for count in [1, 2, 17, 256, 10_000] {
             let clusters = LightClusters::new(&environment, count);
-            assert!(clusters.len() <= count);
-            let total: f32 = (0..clusters.len()).map(|k| clusters.patch(k).flux).sum();
+            assert!(clusters.count() <= count);
+            let total: f32 = (0..clusters.count()).map(|k| clusters.patch(k).flux).sum();
             let expected = environment.mean_radiance().element_sum() * 4.0 * std::f32::consts::PI;
             assert!(
                 (total / expected - 1.0).abs() < 1e-4,
@@ -380,7 +368,7 @@ mod tests {
         let environment = lamp();
         let clusters = LightClusters::new(&environment, 64);
         let light = environment.turned(glam::Mat3::IDENTITY);
-        for k in 0..clusters.len() {
+        for k in 0..clusters.count() {
             let flux = clusters.patch(k).flux;
             if flux == 0.0 {
                 continue;
@@ -404,7 +392,7 @@ mod tests {
     #[test]
     fn lamps_get_patches_of_their_own() {
         let clusters = LightClusters::new(&lamp(), 64);
-        let bright = (0..clusters.len())
+        let bright = (0..clusters.count())
             .map(|k| clusters.patch(k))
             .max_by(|a, b| a.flux.total_cmp(&b.flux))
             .unwrap();

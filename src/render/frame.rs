@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::guide::FrameLight;
+use super::frame_light::FrameLight;
 use super::integrator::{Illuminated, PixelGuides};
 use super::{RenderStats, Stage};
 use crate::image::{Channel, Mask, RgbImage};

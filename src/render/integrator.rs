@@ -12,8 +12,9 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::{Mat3, Vec2, Vec3};
 
-use super::guide::{FrameLight, Guide, Surface};
-use super::patches::leave;
+use super::expected_lobe::Surface;
+use super::frame_light::FrameLight;
+use super::guide::Guide;
 use super::{RenderStats, Stage};
 use crate::accel::Hit;
 use crate::geometry::{Frame, Ray};
@@ -88,9 +89,9 @@ impl Illuminated<'_> {
                 stats.shadow_rays += 1;
                 stage
                     .accel
-                    .occluded(&leave(position, side, direction), f32::INFINITY)
+                    .occluded(&Ray::leaving(position, side, direction), f32::INFINITY)
             };
-            let (light, middles) = (&self.light, &stage.middles);
+            let (light, cells) = (&self.light, &stage.cells);
             let own;
             let guide = if bounce == 1 {
                 guides.of(number, frame.normal, || {
@@ -99,10 +100,10 @@ impl Illuminated<'_> {
                     } else {
                         Some(&mut occluded)
                     };
-                    Guide::new(&surface, patch, light, middles, go_on, ask)
+                    Guide::new(&surface, patch, light, cells, go_on, ask)
                 })
             } else {
-                own = Guide::new(&surface, patch, light, middles, go_on, None);
+                own = Guide::new(&surface, patch, light, cells, go_on, None);
                 &own
             };
 
@@ -137,19 +138,20 @@ impl Illuminated<'_> {
             if wi.0.z <= 0.0 {
                 break;
             }
-            let density = survival * guide.density(&surface, &self.light, direction, wi);
+            let drawn = guide.drawn(&surface, &self.light, direction, wi);
+            let density = survival * drawn.density;
             if density <= 0.0 {
                 break;
             }
             let reflected = brdf.eval(wi, wo) * wi.0.z;
-            let tabulated = if guide.is_hidden(&self.light, direction) {
+            let tabulated = if drawn.left_out {
                 Vec3::ZERO
             } else {
                 brdf.rho_d * (FRAC_1_PI * wi.0.z)
             };
 
             // Is the light seen there, or the object?
-            let next_ray = leave(position, side, direction);
+            let next_ray = Ray::leaving(position, side, direction);
             let above = side.dot(direction) > 0.0 && side.dot(ray.direction) < 0.0;
             let met = if patch.convex && above {
                 stats.proven_open += 1;

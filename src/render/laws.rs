@@ -4,9 +4,8 @@ use std::path::Path;
 
 use glam::{DVec2, DVec3, Mat3, Vec2, Vec3};
 
-use super::guide::FrameLight;
+use super::frame_light::FrameLight;
 use super::integrator::{Illuminated, PixelGuides};
-use super::patches::leave;
 use super::{FrameSettings, RenderStats, Stage, render_frame};
 use crate::accel::Hit;
 use crate::geometry::{Frame, Ray};
@@ -81,7 +80,7 @@ fn plain_radiance(
         throughput *= sample.weight;
         let position = stage.mesh.position_at(hit.triangle, barycentric);
         let side = stage.mesh.geometric_normal(hit.triangle);
-        ray = leave(position, side, frame.from_local(sample.wi));
+        ray = Ray::leaving(position, side, frame.from_local(sample.wi));
         match stage.accel.closest_hit(&ray, f32::INFINITY) {
             None => return throughput * light.radiance(position, ray.direction),
             Some(next) => hit = next,

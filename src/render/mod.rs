@@ -1,6 +1,9 @@
 //! The forward renderer: a path tracer over turntable poses.
 
+mod direction_map;
+mod expected_lobe;
 mod frame;
+mod frame_light;
 mod guide;
 mod halfspace;
 mod integrator;
@@ -11,6 +14,7 @@ mod sensor;
 mod sequence;
 mod stage;
 mod stats;
+mod weights;
 
 pub use frame::{FrameSettings, RenderedFrame, render_frame};
 pub use sensor::expose;

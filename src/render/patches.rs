@@ -10,20 +10,15 @@ use std::sync::OnceLock;
 
 use glam::{Vec2, Vec3};
 
+use super::direction_map::{CELL_WIDTH, CELLS, SIDE, cell_middle, direction_in};
 use super::halfspace::VertexTree;
 use crate::accel::Accel;
-use crate::geometry::{Ray, direction_from_octahedral, octahedral_neighbour, offset_origin};
+use crate::geometry::{Ray, octahedral_neighbour};
 use crate::mesh::Mesh;
 use crate::sampling::SobolPath;
 
-/// Cells of the direction map along its side: 12° wide. Finer ones need more rays to learn.
-pub(super) const SIDE: usize = 16;
-/// Cells of the direction map.
-pub(super) const CELLS: usize = SIDE * SIDE;
 /// Rays of a cell, along either side.
 const RAYS: usize = 2;
-/// Width of a cell, radians.
-const CELL_WIDTH: f32 = 0.22;
 /// Largest number of patches: each costs a tenth of a millisecond.
 const LARGEST_COUNT: usize = 2048;
 /// Probability at least that a direction is blocked, and that it is open: no direction is ruled out,
@@ -156,13 +151,12 @@ impl Patches {
                 continue;
             }
             *hits = 0.0;
-            let corner = Vec2::new((cell % SIDE) as f32, (cell / SIDE) as f32);
             for ray in 0..RAYS * RAYS {
                 let [x, y, u, v] = SobolPath::new(0x9a7c, 0, patch, number).next_4d();
                 let triangle = triangles[number as usize % triangles.len()];
                 number += 1;
                 let within = Vec2::new((ray % RAYS) as f32 + x, (ray / RAYS) as f32 + y);
-                let place = (corner + within / RAYS as f32) / SIDE as f32;
+                let direction = direction_in(cell, within / RAYS as f32);
                 let barycentric = if u + v > 1.0 {
                     Vec2::new(1.0 - u, 1.0 - v)
                 } else {
@@ -170,7 +164,7 @@ impl Patches {
                 };
                 let position = mesh.position_at(triangle, barycentric);
                 let side = mesh.geometric_normal(triangle);
-                let ray = leave(position, side, direction_from_octahedral(place));
+                let ray = Ray::leaving(position, side, direction);
                 if accel.occluded(&ray, f32::INFINITY) {
                     *hits += 1.0 / (RAYS * RAYS) as f32;
                 }
@@ -187,26 +181,5 @@ impl Patches {
             (0.8 * hits[cell] + 0.2 * around).clamp(DOUBT, 1.0 - DOUBT)
         });
         Patch { blocked, convex }
-    }
-}
-
-/// The direction in the middle of a cell.
-pub(super) fn cell_middle(cell: usize) -> Vec3 {
-    let corner = Vec2::new((cell % SIDE) as f32, (cell / SIDE) as f32);
-    direction_from_octahedral((corner + 0.5) / SIDE as f32)
-}
-
-/// A ray that leaves the surface at `position` for `direction`, on whichever side of the triangle's
-/// plane that lies.
-#[inline]
-pub(super) fn leave(position: Vec3, side: Vec3, direction: Vec3) -> Ray {
-    let outwards = if side.dot(direction) < 0.0 {
-        -side
-    } else {
-        side
-    };
-    Ray {
-        origin: offset_origin(position, outwards),
-        direction,
     }
 }

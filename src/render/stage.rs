@@ -2,7 +2,8 @@
 
 use glam::DAffine3;
 
-use super::guide::{CellMiddles, LIGHTS};
+use super::expected_lobe::Places;
+use super::guide::{LIGHTS, cells_as_places};
 use super::patches::Patches;
 
 use crate::accel::Accel;
@@ -28,7 +29,8 @@ pub struct Stage {
     pub(super) irradiance: Irradiance,
     /// Where the object blocks its own light.
     pub(super) patches: Patches,
-    pub(super) middles: CellMiddles,
+    /// The cells of the direction map.
+    pub(super) cells: Places,
     scene: Scene,
 }
 
@@ -52,7 +54,7 @@ impl Stage {
                 clusters: LightClusters::new(&environment, LIGHTS),
                 irradiance: Irradiance::new(&LightPyramid::new(&environment)),
                 patches: Patches::new(&mesh),
-                middles: CellMiddles::new(),
+                cells: cells_as_places(),
                 mesh,
                 accel,
                 material,

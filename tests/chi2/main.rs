@@ -310,7 +310,7 @@ fn probe(image: &RgbImage, rotation: f64, turn: Mat3, seed: u64) -> Result<f64, 
     };
     // Patches chosen by their light, then directions within them.
     let clusters = LightClusters::new(&environment, 16);
-    let flux_of: Vec<f64> = (0..clusters.len())
+    let flux_of: Vec<f64> = (0..clusters.count())
         .map(|k| f64::from(clusters.patch(k).flux))
         .collect();
     let sum_of_flux: f64 = flux_of.iter().sum();
