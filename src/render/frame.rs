@@ -57,11 +57,15 @@ impl Pixel {
     };
 }
 
+/// Pixels along a triangle from which on a lens may bend its edges by more than the margin.
+const LONG_EDGE: f64 = 8.0;
+
 /// Pixels that the object may cover: those within the box of some projected triangle. No ray of
 /// any other pixel can meet the object, so it is not sampled at all.
 ///
-/// A pixel of margin makes up for rounding and for lens distortion bending the edges; a triangle
-/// that reaches behind the camera covers everything.
+/// A lens bends long edges out of the box of their ends: the box takes in their middles, and half as
+/// much again as those stick out. A pixel of margin makes up for rounding; a triangle that reaches
+/// behind the camera covers everything.
 fn covered_pixels(stage: &Stage, view: &View, width: usize, height: usize) -> Vec<bool> {
     let projected: Vec<Option<DVec2>> = stage
         .mesh
@@ -76,7 +80,22 @@ fn covered_pixels(stage: &Stage, view: &View, width: usize, height: usize) -> Ve
             covered.fill(true);
             return covered;
         };
-        let (low, high) = (a.min(b).min(c) - 1.0, a.max(b).max(c) + 2.0);
+        let (mut low, mut high) = (a.min(b).min(c), a.max(b).max(c));
+        if (high - low).max_element() > LONG_EDGE {
+            let [a, b, c] = corners.map(|v| stage.mesh.positions[v as usize]);
+            let (straight_low, straight_high) = (low, high);
+            for middle in [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0] {
+                let Some(middle) = view.project(middle) else {
+                    covered.fill(true);
+                    return covered;
+                };
+                low = low.min(middle);
+                high = high.max(middle);
+            }
+            low -= 0.5 * (straight_low - low);
+            high += 0.5 * (high - straight_high);
+        }
+        let (low, high) = (low - 1.0, high + 2.0);
         let columns = clip(low.x, width)..clip(high.x, width);
         for y in clip(low.y, height)..clip(high.y, height) {
             covered[y * width + columns.start..y * width + columns.end.max(columns.start)]
@@ -234,5 +253,48 @@ pub fn render_frame(
             channel("normal.Z", &|p| p.normal.z),
         ],
         stats,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::write_exr;
+    use crate::scene::Scene;
+
+    #[test]
+    fn covered_pixels_hold_every_hit_behind_a_bending_lens() {
+        // A plate of two triangles that fills most of the view, through barrel and pincushion lenses.
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(
+            path("plate.obj"),
+            "v -1 -0.9 0\nv 1 -0.9 0\nv 1 0.9 0\nv -1 0.9 0\nf 1 2 3 4\n",
+        )
+        .unwrap();
+        write_exr(&path("probe.exr"), &RgbImage::constant(8, 4, [1.0; 3])).unwrap();
+        for distortion in ["[-0.08, 0, 0, 0, 0]", "[0.15, 0, 0.01, -0.01, 0]"] {
+            let scene = format!(
+                "[object]\nmesh = 'plate.obj'\n[material]\nndf = 'ggx'\nalpha = 0.5\nrho_d = 0.5\n\
+                 rho_s = 0.0\n[probe]\nimage = 'probe.exr'\n[camera]\nwidth = 200\nheight = 180\n\
+                 fx = 130\nfy = 130\ncx = 100\ncy = 90\ndistortion = {distortion}\n\
+                 position = [0.0, 0.0, 1.6]\nlook_at = [0.0, 0.0, 0.0]\n[turntable]\nframes = 1\n"
+            );
+            std::fs::write(path("scene.toml"), scene).unwrap();
+            let (stage, _) = Stage::load(&Scene::load(path("scene.toml")).unwrap()).unwrap();
+            let view = stage.view(0.0);
+            let covered = covered_pixels(&stage, &view, 200, 180);
+            let mut hits = 0;
+            for y in 0..180 {
+                for x in 0..200 {
+                    let ray = view.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+                    if stage.accel.occluded(&ray, f32::INFINITY) {
+                        hits += 1;
+                        assert!(covered[y * 200 + x], "{distortion}: {x} {y}");
+                    }
+                }
+            }
+            assert!((10_000..36_000).contains(&hits), "{distortion}: {hits}");
+        }
     }
 }
