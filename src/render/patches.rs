@@ -22,8 +22,9 @@ const RAYS: usize = 2;
 /// Largest number of patches: each costs a tenth of a millisecond.
 const LARGEST_COUNT: usize = 2048;
 /// Probability at least that a direction is blocked, and that it is open: no direction is ruled out,
-/// and a wrong expectation costs no more than its inverse.
-pub(super) const DOUBT: f32 = 0.03;
+/// and a wrong expectation costs no more than its inverse. At 0.03 rare bright samples made most of the
+/// noise of `suzanne-painted` (RMS of 144 paths 0.0171 against 0.0134); at 0.2 it rises again.
+pub(super) const DOUBT: f32 = 0.1;
 
 /// What is known about one patch.
 #[derive(Debug)]
