@@ -28,6 +28,13 @@ pub(super) fn cell_middle(cell: usize) -> Vec3 {
     direction_in(cell, Vec2::splat(0.5))
 }
 
+/// The place in [0, 1]² of a cell at which a direction of it lies.
+#[inline]
+pub(super) fn place_in(direction: Vec3, cell: usize) -> Vec2 {
+    let corner = Vec2::new((cell % SIDE) as f32, (cell / SIDE) as f32);
+    octahedral_from_direction(direction) * SIDE as f32 - corner
+}
+
 /// The cell that holds a direction.
 #[inline]
 pub(super) fn cell_of(direction: Vec3) -> usize {

@@ -33,6 +33,8 @@ const SMALLEST_SHARE: f32 = 0.05;
 /// of a lamp is sharper than the cells of the direction map: without this ray, lamps that are seen
 /// through a gap made most of the noise of concave objects.
 const WORTH_A_RAY: f32 = 0.02;
+/// Share of it from which on a patch of light is worth asking what the spot knows.
+const WORTH_ASKING: f32 = 0.002;
 /// How far above the horizon a patch of light must lie whole to be left out, radians: more than the
 /// angle of [`SAME_FACING`].
 const CLEAR: f32 = 0.12;
@@ -64,7 +66,8 @@ pub(super) struct Guide {
 }
 
 impl Guide {
-    /// Weighs the light for a surface on a patch. `indirect` tells whether paths go on; `occluded`,
+    /// Weighs the light for a surface on a patch. `indirect` tells whether paths go on; `blockage`
+    /// knows better than the patch how likely a direction of a cell is blocked, and `occluded`,
     /// where it is worth it, whether the middle of a patch of light is hidden from this very point.
     pub(super) fn new(
         surface: &Surface<'_>,
@@ -72,7 +75,8 @@ impl Guide {
         light: &FrameLight<'_>,
         cells: &Places,
         indirect: bool,
-        occluded: Option<&mut dyn FnMut(Vec3) -> bool>,
+        blockage: &dyn Fn(Vec3, usize) -> f32,
+        mut occluded: Option<&mut dyn FnMut(Vec3) -> bool>,
     ) -> Self {
         let lobe = ExpectedLobe::new(surface);
         let mut reflected = lobe.expect(&light.places);
@@ -80,14 +84,21 @@ impl Guide {
         // What hides each patch of light; the few that matter most are asked for here.
         let mut blocked: [f32; LIGHTS] =
             std::array::from_fn(|k| patch.blocked[usize::from(light.cell[k])]);
-        if let Some(occluded) = occluded {
+        if !patch.convex {
             let open: [f32; LIGHTS] = std::array::from_fn(|k| {
                 (reflected.diffuse[k] + reflected.specular[k]) * light.flux[k]
             });
-            let matters = WORTH_A_RAY * sum_of(&open);
+            let sum = sum_of(&open);
             for k in 0..LIGHTS {
-                if open[k] > matters {
-                    let here = f32::from(u8::from(occluded(light.places.direction(k))));
+                if open[k] <= WORTH_ASKING * sum {
+                    continue;
+                }
+                let direction = light.places.direction(k);
+                blocked[k] = blockage(direction, usize::from(light.cell[k]));
+                if let Some(occluded) = &mut occluded
+                    && open[k] > WORTH_A_RAY * sum
+                {
+                    let here = f32::from(u8::from(occluded(direction)));
                     let doubt = (light.places.radius[k] * 4.0).min(0.5);
                     let told = here + (blocked[k] - here) * doubt;
                     blocked[k] = told.clamp(DOUBT, 1.0 - DOUBT);
@@ -267,16 +278,13 @@ mod tests {
             height: 32,
             pixels,
         };
-        let patch = Patch {
-            blocked: std::array::from_fn(|cell| {
-                if cell_middle(cell).x > 0.3 {
-                    0.97
-                } else {
-                    0.03
-                }
-            }),
-            convex: false,
-        };
+        let patch = Patch::known(std::array::from_fn(|cell| {
+            if cell_middle(cell).x > 0.3 {
+                0.97
+            } else {
+                0.03
+            }
+        }));
         (Environment::new(image, 0.4).unwrap().0, patch)
     }
 
@@ -309,7 +317,8 @@ mod tests {
                     wo: Local(Vec3::new(0.5, 0.2, 0.8).normalize()),
                     brdf: &brdf,
                 };
-                let guide = Guide::new(&surface, &patch, &light, &cells, indirect, None);
+                let known = |_: Vec3, cell: usize| patch.blocked[cell];
+                let guide = Guide::new(&surface, &patch, &light, &cells, indirect, &known, None);
                 let n = 1 << 16;
                 let mut octants = [(0.0f64, 0.0f64); 4];
                 for index in 0..n {
@@ -361,7 +370,16 @@ mod tests {
             wo: Local(Vec3::Z),
             brdf: &brdf,
         };
-        let guide = Guide::new(&surface, &patch, &light, &cells_as_places(), true, None);
+        let known = |_: Vec3, cell: usize| patch.blocked[cell];
+        let guide = Guide::new(
+            &surface,
+            &patch,
+            &light,
+            &cells_as_places(),
+            true,
+            &known,
+            None,
+        );
         assert_eq!(guide.expected, 0.0);
         assert!(
             guide

@@ -80,7 +80,7 @@ impl Illuminated<'_> {
                 wo,
                 brdf: &brdf,
             };
-            let number = stage.patches.of(hit.triangle);
+            let (number, spot) = stage.patches.of(hit.triangle);
             let patch = stage.patches.get(number, mesh, &stage.accel);
             let go_on = bounce < self.bounces;
             let side = mesh.geometric_normal(hit.triangle);
@@ -91,6 +91,12 @@ impl Illuminated<'_> {
                     .accel
                     .occluded(&Ray::leaving(position, side, direction), f32::INFINITY)
             };
+            let blockage = |direction: Vec3, cell: usize| {
+                let place = (direction, cell);
+                stage
+                    .patches
+                    .blocked(patch, spot, place, mesh, &stage.accel)
+            };
             let (light, cells) = (&self.light, &stage.cells);
             let own;
             let guide = if bounce == 1 {
@@ -100,10 +106,10 @@ impl Illuminated<'_> {
                     } else {
                         Some(&mut occluded)
                     };
-                    Guide::new(&surface, patch, light, cells, go_on, ask)
+                    Guide::new(&surface, patch, light, cells, go_on, &blockage, ask)
                 })
             } else {
-                own = Guide::new(&surface, patch, light, cells, go_on, None);
+                own = Guide::new(&surface, patch, light, cells, go_on, &blockage, None);
                 &own
             };
 
