@@ -60,6 +60,10 @@ pub(super) struct Sampling {
     /// Paths per pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     pub(super) spp: u32,
+    /// As many paths as each part of a frame needs for this relative RMSE, 0.001 to 1; instead of
+    /// --spp.
+    #[arg(long, conflicts_with = "spp", value_parser = relative_error, value_name = "E")]
+    pub(super) target_error: Option<f32>,
     /// Longest path in edges, as renderers count: 2 is direct light only, 3 one interreflection.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(2..=1024))]
     pub(super) max_depth: u32,
@@ -218,6 +222,13 @@ fn threads(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(n) if (1..=1024).contains(&n) => Ok(n),
         _ => Err("must be a number from 1 to 1024".to_owned()),
+    }
+}
+
+fn relative_error(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(error) if (0.001..=1.0).contains(&error) => Ok(error),
+        _ => Err("must be from 0.001 (a thousandth) to 1".to_owned()),
     }
 }
 

@@ -54,6 +54,7 @@ pub(super) fn run(arguments: &Demo, common: &Common) -> Result<(), Failure> {
     let (capture_folder, fit_folder) = (out.join("capture"), out.join("fit"));
     let reproduced = out.join("reproduced");
     let sampling = Sampling {
+        target_error: None,
         spp: 144,
         max_depth: 6,
         seed: 0,

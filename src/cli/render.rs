@@ -32,7 +32,10 @@ pub(super) fn sequence_settings(
     SequenceSettings {
         out: out.to_owned(),
         frame: FrameSettings {
-            samples_per_pixel: sampling.spp,
+            sampling: match sampling.target_error {
+                Some(error) => crate::render::Sampling::TargetError(error),
+                None => crate::render::Sampling::PerPixel(sampling.spp),
+            },
             // Edges of a path: the camera's, one between surfaces, and the light's.
             bounces: sampling.max_depth - 1,
             seed: sampling.seed,

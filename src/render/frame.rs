@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::frame_light::FrameLight;
 use super::integrator::{Illuminated, PixelGuides};
+use super::target_error;
 use super::{RenderStats, Stage};
 use crate::image::{Channel, Mask, RgbImage};
 use crate::rig::View;
@@ -14,11 +15,31 @@ use crate::sampling::SobolPath;
 /// little noise; there, whether a path meets the object at all is all the noise there is.
 const ON_SILHOUETTE: u32 = 4;
 
+/// How many paths pixels get; four times as many where the silhouette crosses them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Sampling {
+    /// The same number everywhere.
+    PerPixel(u32),
+    /// As many as each part of the frame needs for this relative RMSE: the square root of the mean
+    /// over object pixels and channels of (image − truth)² / (truth² + (0.1 m)²), with m the mean of
+    /// the truth over object pixels.
+    TargetError(f32),
+}
+
+impl std::fmt::Display for Sampling {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::PerPixel(paths) => write!(f, "--spp {paths}"),
+            Self::TargetError(error) => write!(f, "--target-error {error}"),
+        }
+    }
+}
+
 /// How a frame is sampled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSettings {
-    /// Paths per pixel; four times as many where the silhouette crosses it.
-    pub samples_per_pixel: u32,
+    /// Paths of pixels.
+    pub sampling: Sampling,
     /// Largest number of surface interactions of a path; 1 is direct light only.
     pub bounces: u32,
     /// Seed of all frames.
@@ -38,23 +59,20 @@ pub struct RenderedFrame {
     pub stats: RenderStats,
 }
 
-/// What one pixel yields.
-struct Pixel {
-    radiance: Vec3,
-    coverage: u8,
+/// What the paths of one pixel yield.
+#[derive(Clone, Copy)]
+pub(super) struct Sampled {
+    /// Mean radiance.
+    pub(super) radiance: Vec3,
+    /// Coverage.
+    pub(super) coverage: u8,
+}
+
+/// What stands at the centre of one pixel.
+struct Centre {
     depth: f32,
     normal: Vec3,
     triangle: f32,
-}
-
-impl Pixel {
-    const BACKGROUND: Self = Self {
-        radiance: Vec3::ZERO,
-        coverage: 0,
-        depth: 0.0,
-        normal: Vec3::ZERO,
-        triangle: -1.0,
-    };
 }
 
 /// Pixels along a triangle from which on a lens may bend its edges by more than the margin.
@@ -142,98 +160,173 @@ fn on_silhouette(
         .collect()
 }
 
+/// A frame that can be sampled.
+pub(super) struct FrameSampler<'a> {
+    illuminated: Illuminated<'a>,
+    view: View,
+    number: u32,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    covered: Vec<bool>,
+    silhouette: Vec<bool>,
+}
+
+impl<'a> FrameSampler<'a> {
+    fn new(stage: &'a Stage, number: u32, angle: f64, bounces: u32) -> Self {
+        let camera = &stage.scene().camera;
+        let (width, height) = (camera.width, camera.height);
+        let view = stage.view(angle);
+        let world_from_object = view.world_from_object();
+        let covered = covered_pixels(stage, &view, width, height);
+        let silhouette = on_silhouette(stage, &view, &covered, width, height);
+        Self {
+            illuminated: Illuminated {
+                stage,
+                light: FrameLight::new(&stage.environment, &stage.clusters, world_from_object),
+                world_from_object,
+                bounces,
+            },
+            view,
+            number,
+            width,
+            height,
+            covered,
+            silhouette,
+        }
+    }
+
+    /// Every pixel, row by row from the top, with `paths(x, y)` paths; 0 leaves it black. Each has its
+    /// own sample sequence, keyed by seed, frame and pixel, and sums in f64: the result does not
+    /// depend on the number of threads.
+    pub(super) fn sample(
+        &self,
+        seed: u64,
+        paths: &(dyn Fn(usize, usize) -> u32 + Sync),
+    ) -> (Vec<Sampled>, RenderStats) {
+        let rows: Vec<(Vec<Sampled>, RenderStats)> = (0..self.height)
+            .into_par_iter()
+            .map(|y| {
+                let mut stats = RenderStats::default();
+                let pixel = |x| self.sample_pixel(x, y, seed, paths(x, y), &mut stats);
+                let row = (0..self.width).map(pixel).collect();
+                (row, stats)
+            })
+            .collect();
+        let mut stats = RenderStats::default();
+        rows.iter().for_each(|(_, s)| stats += *s);
+        (rows.into_iter().flat_map(|(row, _)| row).collect(), stats)
+    }
+
+    fn sample_pixel(
+        &self,
+        x: usize,
+        y: usize,
+        seed: u64,
+        paths: u32,
+        stats: &mut RenderStats,
+    ) -> Sampled {
+        let pixel = y * self.width + x;
+        if !self.covered[pixel] {
+            stats.background_pixels += 1;
+            return Sampled {
+                radiance: Vec3::ZERO,
+                coverage: 0,
+            };
+        }
+        let paths = if self.silhouette[pixel] {
+            paths.saturating_mul(ON_SILHOUETTE)
+        } else {
+            paths
+        };
+        let mut sum = DVec3::ZERO;
+        let mut guides = PixelGuides::default();
+        let mut hits = 0;
+        for index in 0..paths {
+            let mut path = SobolPath::new(seed, self.number, pixel as u32, index);
+            let [jitter_x, jitter_y, ..] = path.next_4d();
+            let ray = self.view.ray(DVec2::new(
+                x as f64 + f64::from(jitter_x),
+                y as f64 + f64::from(jitter_y),
+            ));
+            stats.paths += 1;
+            stats.closest_rays += 1;
+            if let Some(hit) = self
+                .illuminated
+                .stage
+                .accel
+                .closest_hit(&ray, f32::INFINITY)
+            {
+                hits += 1;
+                sum += self
+                    .illuminated
+                    .radiance(ray, hit, &mut guides, &mut path, stats)
+                    .as_dvec3();
+            }
+        }
+        Sampled {
+            radiance: (sum / f64::from(paths.max(1))).as_vec3(),
+            // 255 is kept for pixels that every sample hit.
+            coverage: if hits == paths && paths > 0 {
+                255
+            } else {
+                (u64::from(hits) * 255 / u64::from(paths.max(1))).min(254) as u8
+            },
+        }
+    }
+
+    /// Whether the silhouette crosses a pixel.
+    pub(super) fn on_silhouette(&self, pixel: usize) -> bool {
+        self.silhouette[pixel]
+    }
+
+    /// What stands at the centre of every pixel, row by row.
+    fn centres(&self) -> Vec<Centre> {
+        let stage = self.illuminated.stage;
+        let centre = |x: usize, y: usize| {
+            let ray = self.view.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+            let hit = stage.accel.closest_hit(&ray, f32::INFINITY);
+            Centre {
+                depth: hit.map_or(0.0, |hit| hit.t * stage.mesh.scale as f32),
+                normal: hit.map_or(Vec3::ZERO, |hit| {
+                    let barycentric = glam::Vec2::new(hit.u, hit.v);
+                    stage.mesh.normal_at(hit.triangle, barycentric)
+                }),
+                triangle: hit.map_or(-1.0, |hit| hit.triangle as f32),
+            }
+        };
+        let width = self.width;
+        (0..self.height)
+            .into_par_iter()
+            .flat_map_iter(|y| (0..width).map(move |x| (x, y)))
+            .map(|(x, y)| centre(x, y))
+            .collect()
+    }
+}
+
 /// Renders the frame number `number` of the turntable at `angle` (radians).
-///
-/// Every pixel has its own sample sequence, keyed by seed, frame and pixel, and sums in f64: the
-/// result does not depend on the number of threads.
 pub fn render_frame(
     stage: &Stage,
     number: u32,
     angle: f64,
     settings: &FrameSettings,
 ) -> RenderedFrame {
-    let camera = &stage.scene().camera;
-    let (width, height) = (camera.width, camera.height);
-    let view = stage.view(angle);
-    let world_from_object = view.world_from_object();
-    let illuminated = Illuminated {
-        stage,
-        light: FrameLight::new(&stage.environment, &stage.clusters, world_from_object),
-        world_from_object,
-        bounces: settings.bounces,
-    };
-
-    let covered = covered_pixels(stage, &view, width, height);
-
-    let silhouette = on_silhouette(stage, &view, &covered, width, height);
-
-    let render_pixel = |x: usize, y: usize, stats: &mut RenderStats| {
-        if !covered[y * width + x] {
-            stats.background_pixels += 1;
-            return Pixel::BACKGROUND;
-        }
-        let mut sum = DVec3::ZERO;
-        let mut guides = PixelGuides::default();
-        let mut hits = 0;
-        let samples = if silhouette[y * width + x] {
-            settings.samples_per_pixel.saturating_mul(ON_SILHOUETTE)
-        } else {
-            settings.samples_per_pixel
-        };
-        for index in 0..samples {
-            let mut path = SobolPath::new(settings.seed, number, (y * width + x) as u32, index);
-            let [jitter_x, jitter_y, ..] = path.next_4d();
-            let pixel = DVec2::new(
-                x as f64 + f64::from(jitter_x),
-                y as f64 + f64::from(jitter_y),
-            );
-            let ray = view.ray(pixel);
-            stats.paths += 1;
-            stats.closest_rays += 1;
-            if let Some(hit) = stage.accel.closest_hit(&ray, f32::INFINITY) {
-                hits += 1;
-                sum += illuminated
-                    .radiance(ray, hit, &mut guides, &mut path, stats)
-                    .as_dvec3();
-            }
-        }
-        let centre = view.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
-        let at_centre = stage.accel.closest_hit(&centre, f32::INFINITY);
-        Pixel {
-            radiance: (sum / f64::from(samples.max(1))).as_vec3(),
-            // 255 is kept for pixels that every sample hit.
-            coverage: if hits == samples && samples > 0 {
-                255
-            } else {
-                (u64::from(hits) * 255 / u64::from(samples.max(1))).min(254) as u8
-            },
-            depth: at_centre.map_or(0.0, |hit| hit.t * stage.mesh.scale as f32),
-            normal: at_centre.map_or(Vec3::ZERO, |hit| {
-                stage
-                    .mesh
-                    .normal_at(hit.triangle, glam::Vec2::new(hit.u, hit.v))
-            }),
-            triangle: at_centre.map_or(-1.0, |hit| hit.triangle as f32),
+    let sampler = FrameSampler::new(stage, number, angle, settings.bounces);
+    let (pixels, stats) = match settings.sampling {
+        Sampling::PerPixel(paths) => sampler.sample(settings.seed, &|_, _| paths),
+        Sampling::TargetError(error) => {
+            let (plan, pilots) = target_error::plan(&sampler, settings.seed, error);
+            let (pixels, mut stats) = sampler.sample(settings.seed, &|x, y| plan.paths(x, y));
+            stats += pilots;
+            stats.pilot_paths = pilots.paths;
+            (pixels, stats)
         }
     };
-
-    // Rows in parallel, collected in order.
-    let rows: Vec<(Vec<Pixel>, RenderStats)> = (0..height)
-        .into_par_iter()
-        .map(|y| {
-            let mut stats = RenderStats::default();
-            let row = (0..width).map(|x| render_pixel(x, y, &mut stats)).collect();
-            (row, stats)
-        })
-        .collect();
-
-    let mut stats = RenderStats::default();
-    rows.iter().for_each(|(_, s)| stats += *s);
-    let pixels: Vec<Pixel> = rows.into_iter().flat_map(|(row, _)| row).collect();
-    let channel = |name: &str, value: &dyn Fn(&Pixel) -> f32| Channel {
+    let centres = sampler.centres();
+    let channel = |name: &str, value: &dyn Fn(&Centre) -> f32| Channel {
         name: name.to_owned(),
-        samples: pixels.iter().map(value).collect(),
+        samples: centres.iter().map(value).collect(),
     };
+    let (width, height) = (sampler.width, sampler.height);
     RenderedFrame {
         radiance: RgbImage {
             width,

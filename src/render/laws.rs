@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3, Mat3, Vec2, Vec3};
 
 use super::frame_light::FrameLight;
 use super::integrator::{Illuminated, PixelGuides};
-use super::{FrameSettings, RenderStats, Stage, render_frame};
+use super::{FrameSettings, RenderStats, Sampling, Stage, render_frame};
 use crate::accel::Hit;
 use crate::geometry::{Frame, Ray};
 use crate::image::{RgbImage, write_exr};
@@ -225,7 +225,7 @@ fn dark_light_gives_finite_pixels() {
             let material = "ndf = 'beckmann'\nalpha = 0.1\nrho_d = 0.5\nrho_s = 2.35";
             let stage = stage("cup.ply", material, light);
             let settings = FrameSettings {
-                samples_per_pixel: 64,
+                sampling: Sampling::PerPixel(64),
                 bounces,
                 seed: 1,
             };

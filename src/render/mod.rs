@@ -14,9 +14,10 @@ mod sensor;
 mod sequence;
 mod stage;
 mod stats;
+mod target_error;
 mod weights;
 
-pub use frame::{FrameSettings, RenderedFrame, render_frame};
+pub use frame::{FrameSettings, RenderedFrame, Sampling, render_frame};
 pub use sensor::expose;
 pub use sequence::{RenderError, SequenceSettings, render_sequence};
 pub use stage::Stage;

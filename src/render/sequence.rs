@@ -90,7 +90,7 @@ struct Provenance {
     scene: String,
     mesh: String,
     probe: String,
-    samples_per_pixel: u32,
+    sampling: String,
     bounces: u32,
     seed: u64,
 }
@@ -192,7 +192,7 @@ fn write_surroundings(
         scene: digest(scene_text.as_bytes()),
         mesh: digest(&read(&scene.object.mesh)?),
         probe: digest(&read(&scene.probe.image)?),
-        samples_per_pixel: settings.frame.samples_per_pixel,
+        sampling: settings.frame.sampling.to_string(),
         bounces: settings.frame.bounces,
         seed: settings.frame.seed,
     };
@@ -271,11 +271,7 @@ fn check_provenance(
         ("scene", begun.scene, asked.scene.clone()),
         ("mesh", begun.mesh, asked.mesh.clone()),
         ("probe", begun.probe, asked.probe.clone()),
-        (
-            "spp",
-            begun.samples_per_pixel.to_string(),
-            asked.samples_per_pixel.to_string(),
-        ),
+        ("sampling", begun.sampling, asked.sampling.clone()),
         (
             "bounces",
             begun.bounces.to_string(),

@@ -9,6 +9,8 @@ use serde::Serialize;
 pub struct RenderStats {
     /// Camera paths started.
     pub paths: u64,
+    /// Those of them that only told how many were needed.
+    pub pilot_paths: u64,
     /// Closest-hit queries, camera rays included.
     pub closest_rays: u64,
     /// Occlusion queries.
@@ -24,6 +26,7 @@ pub struct RenderStats {
 impl AddAssign for RenderStats {
     fn add_assign(&mut self, other: Self) {
         self.paths += other.paths;
+        self.pilot_paths += other.pilot_paths;
         self.closest_rays += other.closest_rays;
         self.shadow_rays += other.shadow_rays;
         self.proven_open += other.proven_open;
