@@ -47,6 +47,7 @@ check check_brdf "${quick[@]}"
 check check_probe "${quick[@]}"
 check check_hits --rays "$rays" "${meshes[@]}"
 check check_images "${quick[@]}"
+check check_target_error "${quick[@]}"
 check check_fit "${quick[@]}"
 
 echo "$passed passed, $failed failed"

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::render::Skip;
+
 /// Measures what an object's surface is made of from a turntable video and a light probe.
 #[derive(Debug, Parser)]
 #[command(name = "turnlight", version, propagate_version = true)]
@@ -64,6 +66,10 @@ pub(super) struct Sampling {
     /// --spp.
     #[arg(long, conflicts_with = "spp", value_parser = relative_error, value_name = "E")]
     pub(super) target_error: Option<f32>,
+    /// Do what is not needed all the same, to see what it costs: background, proven-open, negligible,
+    /// zero-lobes, explored; several with commas.
+    #[arg(long, value_parser = skip, value_delimiter = ',', value_name = "NAME")]
+    pub(super) no_skip: Vec<Skip>,
     /// Longest path in edges, as renderers count: 2 is direct light only, 3 one interreflection.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(2..=1024))]
     pub(super) max_depth: u32,
@@ -223,6 +229,14 @@ fn threads(text: &str) -> Result<usize, String> {
         Ok(n) if (1..=1024).contains(&n) => Ok(n),
         _ => Err("must be a number from 1 to 1024".to_owned()),
     }
+}
+
+fn skip(text: &str) -> Result<Skip, String> {
+    let named = Skip::ALL.into_iter().find(|(_, name)| *name == text);
+    let names = Skip::ALL.map(|(_, name)| name).join(", ");
+    named
+        .map(|(skip, _)| skip)
+        .ok_or_else(|| format!("must be one of {names}"))
 }
 
 fn relative_error(text: &str) -> Result<f32, String> {

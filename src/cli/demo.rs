@@ -55,6 +55,7 @@ pub(super) fn run(arguments: &Demo, common: &Common) -> Result<(), Failure> {
     let reproduced = out.join("reproduced");
     let sampling = Sampling {
         target_error: None,
+        no_skip: Vec::new(),
         spp: 144,
         max_depth: 6,
         seed: 0,

@@ -7,7 +7,9 @@ use serde_json::json;
 use super::arguments::{Common, Render, Sampling};
 use super::failure::Failure;
 use super::progress::{bar, note, write_stats};
-use crate::render::{FrameSettings, RenderStats, SequenceSettings, Stage, render_sequence};
+use crate::render::{
+    FrameSettings, RenderStats, Sampling as Paths, SequenceSettings, Skips, Stage, render_sequence,
+};
 use crate::scene::Scene;
 
 pub(super) fn run(arguments: &Render, common: &Common) -> Result<(), Failure> {
@@ -33,12 +35,16 @@ pub(super) fn sequence_settings(
         out: out.to_owned(),
         frame: FrameSettings {
             sampling: match sampling.target_error {
-                Some(error) => crate::render::Sampling::TargetError(error),
-                None => crate::render::Sampling::PerPixel(sampling.spp),
+                Some(error) => Paths::TargetError(error),
+                None => Paths::PerPixel(sampling.spp),
             },
             // Edges of a path: the camera's, one between surfaces, and the light's.
             bounces: sampling.max_depth - 1,
             seed: sampling.seed,
+            skips: sampling
+                .no_skip
+                .iter()
+                .fold(Skips::ALL, |skips, &skip| skips.without(skip)),
         },
         frames: sampling.frames.clone(),
         resume: sampling.resume,

@@ -19,6 +19,8 @@ pub(super) struct Surface<'a> {
     pub(super) frame: Frame,
     pub(super) wo: Local,
     pub(super) brdf: &'a Dichromatic,
+    /// Whether it is known to have no lobe.
+    pub(super) matte: bool,
 }
 
 /// Places that light may come from, by quantity: patches of the sky, or cells of the direction map.
@@ -66,6 +68,7 @@ pub(super) struct ExpectedLobe {
     cos_o: f32,
     diffuse: f32,
     pub(super) specular: f32,
+    matte: bool,
     f0: f32,
     a2: f32,
 }
@@ -80,6 +83,7 @@ impl ExpectedLobe {
             cos_o: surface.wo.0.z.max(1e-3),
             diffuse: brdf.rho_d.element_sum() / (3.0 * std::f32::consts::PI),
             specular: brdf.rho_s.element_sum() / 3.0,
+            matte: surface.matte,
             f0,
             a2: brdf.alpha.get() * brdf.alpha.get(),
         }
@@ -106,6 +110,15 @@ impl ExpectedLobe {
 
     #[inline(always)]
     fn expect_any(&self, places: &Places) -> Expected {
+        if self.matte {
+            self.expect_both::<false>(places)
+        } else {
+            self.expect_both::<true>(places)
+        }
+    }
+
+    #[inline(always)]
+    fn expect_both<const LOBE: bool>(&self, places: &Places) -> Expected {
         let (n, o) = (self.normal, self.wo);
         let scale = self.specular / (4.0 * std::f32::consts::PI * self.cos_o);
         let [x, y, z] = &places.directions;
@@ -120,6 +133,10 @@ impl ExpectedLobe {
             let spread = places.spread2[k].sqrt();
             let lit = (0.5 * (cos + spread)).max(0.0).min(spread).max(cos);
             let lit = lit.max(REACH * (cos + places.radius[k] + SAME_FACING_ANGLE));
+            expected.diffuse[k] = self.diffuse * lit;
+            if !LOBE {
+                continue;
+            }
             let length2 = (2.0 + 2.0 * (x[k] * o.x + y[k] * o.y + z[k] * o.z)).max(1e-4);
             let along = cos + self.cos_o;
             let cos2 = (along * along / length2).min(1.0);
@@ -129,7 +146,6 @@ impl ExpectedLobe {
             let m2 = m * m;
             let fresnel = self.f0 + (1.0 - self.f0) * m2 * m2 * m;
             let masking = 2.0 * lit / (lit + (lit * lit + self.a2).sqrt() + 1e-6);
-            expected.diffuse[k] = self.diffuse * lit;
             expected.specular[k] = scale * fresnel * masking * a2 / (q * q);
         }
         expected

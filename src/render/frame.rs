@@ -5,8 +5,9 @@ use rayon::prelude::*;
 
 use super::frame_light::FrameLight;
 use super::integrator::{Illuminated, PixelGuides};
+use super::patches::Patches;
 use super::target_error;
-use super::{RenderStats, Stage};
+use super::{RenderStats, Skip, Skips, Stage};
 use crate::image::{Channel, Mask, RgbImage};
 use crate::rig::View;
 use crate::sampling::SobolPath;
@@ -44,6 +45,8 @@ pub struct FrameSettings {
     pub bounces: u32,
     /// Seed of all frames.
     pub seed: u64,
+    /// What is left undone.
+    pub skips: Skips,
 }
 
 /// A rendered frame.
@@ -172,19 +175,31 @@ pub(super) struct FrameSampler<'a> {
 }
 
 impl<'a> FrameSampler<'a> {
-    fn new(stage: &'a Stage, number: u32, angle: f64, bounces: u32) -> Self {
+    fn new(
+        stage: &'a Stage,
+        patches: &'a Patches,
+        number: u32,
+        angle: f64,
+        settings: &FrameSettings,
+    ) -> Self {
         let camera = &stage.scene().camera;
         let (width, height) = (camera.width, camera.height);
         let view = stage.view(angle);
         let world_from_object = view.world_from_object();
-        let covered = covered_pixels(stage, &view, width, height);
+        let covered = if settings.skips.has(Skip::Background) {
+            covered_pixels(stage, &view, width, height)
+        } else {
+            vec![true; width * height]
+        };
         let silhouette = on_silhouette(stage, &view, &covered, width, height);
         Self {
             illuminated: Illuminated {
                 stage,
                 light: FrameLight::new(&stage.environment, &stage.clusters, world_from_object),
                 world_from_object,
-                bounces,
+                patches,
+                bounces: settings.bounces,
+                skips: settings.skips,
             },
             view,
             number,
@@ -310,8 +325,15 @@ pub fn render_frame(
     angle: f64,
     settings: &FrameSettings,
 ) -> RenderedFrame {
-    let sampler = FrameSampler::new(stage, number, angle, settings.bounces);
-    let (pixels, stats) = match settings.sampling {
+    let own_patches;
+    let patches = if settings.skips.has(Skip::Explored) {
+        &stage.patches
+    } else {
+        own_patches = Patches::new(&stage.mesh);
+        &own_patches
+    };
+    let sampler = FrameSampler::new(stage, patches, number, angle, settings);
+    let (pixels, mut stats) = match settings.sampling {
         Sampling::PerPixel(paths) => sampler.sample(settings.seed, &|_, _| paths),
         Sampling::TargetError(error) => {
             let (plan, pilots) = target_error::plan(&sampler, settings.seed, error);
@@ -321,6 +343,9 @@ pub fn render_frame(
             (pixels, stats)
         }
     };
+    if !settings.skips.has(Skip::Explored) {
+        stats.patches_explored = patches.explored();
+    }
     let centres = sampler.centres();
     let channel = |name: &str, value: &dyn Fn(&Centre) -> f32| Channel {
         name: name.to_owned(),

@@ -316,6 +316,7 @@ mod tests {
                     frame,
                     wo: Local(Vec3::new(0.5, 0.2, 0.8).normalize()),
                     brdf: &brdf,
+                    matte: false,
                 };
                 let known = |_: Vec3, cell: usize| patch.blocked[cell];
                 let guide = Guide::new(&surface, &patch, &light, &cells, indirect, &known, None);
@@ -369,6 +370,7 @@ mod tests {
             frame: Frame::about(Vec3::Y),
             wo: Local(Vec3::Z),
             brdf: &brdf,
+            matte: false,
         };
         let known = |_: Vec3, cell: usize| patch.blocked[cell];
         let guide = Guide::new(

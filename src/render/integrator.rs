@@ -15,7 +15,8 @@ use glam::{Mat3, Vec2, Vec3};
 use super::expected_lobe::Surface;
 use super::frame_light::FrameLight;
 use super::guide::Guide;
-use super::{RenderStats, Stage};
+use super::patches::Patches;
+use super::{RenderStats, Skip, Skips, Stage};
 use crate::accel::Hit;
 use crate::geometry::{Frame, Ray};
 use crate::sampling::{SobolPath, as_points};
@@ -31,8 +32,10 @@ pub(super) struct Illuminated<'a> {
     pub(super) stage: &'a Stage,
     pub(super) light: FrameLight<'a>,
     pub(super) world_from_object: Mat3,
+    pub(super) patches: &'a Patches,
     /// Largest number of surface interactions: 1 is direct light only.
     pub(super) bounces: u32,
+    pub(super) skips: Skips,
 }
 
 /// Guides of the camera's hits in one pixel, by patch. Later samples of the pixel use the guide that
@@ -75,13 +78,18 @@ impl Illuminated<'_> {
             }
             stats.bounces += 1;
             let brdf = stage.material.at(mesh, hit.triangle, barycentric);
+            let skip_zero = self.skips.has(Skip::ZeroLobes);
+            if skip_zero && (brdf.rho_d == Vec3::ZERO || brdf.rho_s == Vec3::ZERO) {
+                stats.zero_lobes += 1;
+            }
             let surface = Surface {
                 frame,
                 wo,
                 brdf: &brdf,
+                matte: skip_zero && brdf.rho_s == Vec3::ZERO,
             };
-            let (number, spot) = stage.patches.of(hit.triangle);
-            let patch = stage.patches.get(number, mesh, &stage.accel);
+            let (number, spot) = self.patches.of(hit.triangle);
+            let patch = self.patches.get(number, mesh, &stage.accel);
             let go_on = bounce < self.bounces;
             let side = mesh.geometric_normal(hit.triangle);
             let position = mesh.position_at(hit.triangle, barycentric);
@@ -116,11 +124,13 @@ impl Illuminated<'_> {
             // The diffuse answer of an open point, less the light that is mostly hidden from here.
             let facing = (self.world_from_object * frame.normal).normalize();
             let left_out = guide.left_out(frame.normal);
-            let irradiance = stage.irradiance.at(facing) - left_out;
-            let tabulated = throughput * brdf.rho_d * FRAC_1_PI * irradiance;
-            radiance += tabulated;
-            if bounce == 1 {
-                expected += tabulated.element_sum().max(0.0);
+            if brdf.rho_d != Vec3::ZERO || !skip_zero {
+                let irradiance = stage.irradiance.at(facing) - left_out;
+                let tabulated = throughput * brdf.rho_d * FRAC_1_PI * irradiance;
+                radiance += tabulated;
+                if bounce == 1 {
+                    expected += tabulated.element_sum().max(0.0);
+                }
             }
 
             // The rest, if it matters: one direction of the guide's mixture.
@@ -129,12 +139,14 @@ impl Illuminated<'_> {
             if bounce == 1 {
                 expected += to_find;
             }
-            let survival = if to_find < NEGLIGIBLE * expected {
+            let negligible = to_find < NEGLIGIBLE * expected && self.skips.has(Skip::Negligible);
+            let survival = if negligible {
                 (to_find / (NEGLIGIBLE * expected)).max(SMALLEST_SURVIVAL)
             } else {
                 1.0
             };
             if other.y >= survival {
+                stats.negligible += 1;
                 break;
             }
             let Some(direction) = guide.sample(&surface, &self.light, u, other.x) else {
@@ -159,7 +171,7 @@ impl Illuminated<'_> {
             // Is the light seen there, or the object?
             let next_ray = Ray::leaving(position, side, direction);
             let above = side.dot(direction) > 0.0 && side.dot(ray.direction) < 0.0;
-            let met = if patch.convex && above {
+            let met = if patch.convex && above && self.skips.has(Skip::ProvenOpen) {
                 stats.proven_open += 1;
                 None
             } else if go_on {

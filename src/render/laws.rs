@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3, Mat3, Vec2, Vec3};
 
 use super::frame_light::FrameLight;
 use super::integrator::{Illuminated, PixelGuides};
-use super::{FrameSettings, RenderStats, Sampling, Stage, render_frame};
+use super::{FrameSettings, RenderStats, Sampling, Skip, Skips, Stage, render_frame};
 use crate::accel::Hit;
 use crate::geometry::{Frame, Ray};
 use crate::image::{RgbImage, write_exr};
@@ -24,8 +24,11 @@ fn lamp_and_sky(x: f32, y: f32) -> [f32; 3] {
     ]
 }
 
+/// Few pixels, filled by the object.
+const CLOSE: &str = "width = 6\nheight = 6\nfov_x_deg = 26.0";
+
 /// A shipped mesh under a light, seen from above.
-fn stage(mesh: &str, material: &str, light: fn(f32, f32) -> [f32; 3]) -> Stage {
+fn stage(mesh: &str, material: &str, light: fn(f32, f32) -> [f32; 3], camera: &str) -> Stage {
     let folder = tempfile::tempdir().unwrap();
     let pixels = (0..128 * 64)
         .map(|i| light((i % 128) as f32 / 4.0, (i / 128) as f32 / 4.0))
@@ -48,7 +51,7 @@ fn stage(mesh: &str, material: &str, light: fn(f32, f32) -> [f32; 3]) -> Stage {
         &path,
         format!(
             "[object]\nmesh = '{}'\n[material]\n{material}\n[probe]\nimage = '{}'\n\
-             [camera]\nwidth = 6\nheight = 6\nfov_x_deg = 26.0\nposition = [0.6, 2.4, 3.0]\n\
+             [camera]\n{camera}\nposition = [0.6, 2.4, 3.0]\n\
              look_at = [0.0, 0.0, 0.0]\n[turntable]\nframes = 3\n",
             mesh.display(),
             probe.display()
@@ -142,7 +145,7 @@ fn guided_paths_agree_with_plain_paths() {
             3,
         ),
     ] {
-        let stage = stage(mesh, material, lamp_and_sky);
+        let stage = stage(mesh, material, lamp_and_sky, CLOSE);
         let angle = 1.1;
         let view = stage.view(angle);
         let world_from_object: Mat3 = view.world_from_object();
@@ -150,7 +153,9 @@ fn guided_paths_agree_with_plain_paths() {
             stage: &stage,
             light: FrameLight::new(&stage.environment, &stage.clusters, world_from_object),
             world_from_object,
+            patches: &stage.patches,
             bounces,
+            skips: Skips::ALL,
         };
         let light = stage.environment.turned(world_from_object);
         let (mut z2, mut count) = (0.0, 0.0);
@@ -223,11 +228,12 @@ fn dark_light_gives_finite_pixels() {
     for light in [black, below] {
         for bounces in [1, 3] {
             let material = "ndf = 'beckmann'\nalpha = 0.1\nrho_d = 0.5\nrho_s = 2.35";
-            let stage = stage("cup.ply", material, light);
+            let stage = stage("cup.ply", material, light, CLOSE);
             let settings = FrameSettings {
                 sampling: Sampling::PerPixel(64),
                 bounces,
                 seed: 1,
+                skips: Skips::ALL,
             };
             let frame = render_frame(&stage, 0, 0.0, &settings);
             let pixels = frame.radiance.pixels.iter().flatten();
@@ -235,4 +241,97 @@ fn dark_light_gives_finite_pixels() {
             assert!(pixels.clone().all(|value| value.abs() < 50.0));
         }
     }
+}
+
+#[test]
+fn skips_leave_the_image_alone() {
+    let sky: fn(f32, f32) -> [f32; 3] = |x, y| {
+        let lamp = if (4.0..6.0).contains(&x) && y < 4.0 {
+            40.0
+        } else {
+            0.0
+        };
+        [0.5 + lamp, 0.4 + 0.2 * (x * 0.4).sin() + lamp, 0.6]
+    };
+    // A hollow, an open surface; both lobes, one, the other.
+    let cases = [
+        (
+            "cup.ply",
+            "ndf = 'ggx'\nalpha = 0.2\nrho_d = 0.5\nrho_s = 2.35",
+        ),
+        (
+            "cup.ply",
+            "ndf = 'ggx'\nalpha = 0.2\nrho_d = 0.5\nrho_s = 0.0",
+        ),
+        (
+            "sphere.ply",
+            "ndf = 'beckmann'\nalpha = 0.3\nrho_d = 0.0\nrho_s = 5.0",
+        ),
+    ];
+    let mut counted = RenderStats::default();
+    for (mesh, material) in cases {
+        let camera = "width = 12\nheight = 12\nfov_x_deg = 60.0";
+        let stage = stage(mesh, material, sky, camera);
+        let render = |skips: Skips, seed: u64| {
+            let settings = FrameSettings {
+                sampling: Sampling::PerPixel(16),
+                bounces: 3,
+                seed,
+                skips,
+            };
+            render_frame(&stage, 0, 0.4, &settings)
+        };
+        let frame = render(Skips::ALL, 1);
+        counted += frame.stats;
+        for (skip, name) in Skip::ALL {
+            let all_done = render(Skips::ALL.without(skip), 1);
+            let work = |of: &RenderStats| match skip {
+                Skip::Background => of.background_pixels,
+                Skip::ProvenOpen => of.proven_open,
+                Skip::Negligible => of.negligible,
+                Skip::ZeroLobes => of.zero_lobes,
+                Skip::Explored => 0,
+            };
+            assert_eq!(
+                work(&all_done.stats),
+                0,
+                "{name} is counted though it is off"
+            );
+            if skip != Skip::Negligible {
+                assert!(
+                    frame.radiance.pixels == all_done.radiance.pixels,
+                    "{mesh}, {material}: {name} changes the image"
+                );
+                continue;
+            }
+            // This one trades noise for time: the same image on average.
+            let mean = |skips: Skips| -> Vec<f64> {
+                let sum = |seed| -> f64 {
+                    let image = render(skips, seed).radiance;
+                    image.pixels.iter().flatten().map(|&x| f64::from(x)).sum()
+                };
+                (0..32).map(sum).collect()
+            };
+            let (on, off) = (mean(Skips::ALL), mean(Skips::ALL.without(skip)));
+            // The same seeds: the differences tell.
+            let differences: Vec<f64> = on.iter().zip(&off).map(|(a, b)| a - b).collect();
+            let n = differences.len() as f64;
+            let middle = differences.iter().sum::<f64>() / n;
+            let variance = differences
+                .iter()
+                .map(|d| (d - middle).powi(2))
+                .sum::<f64>()
+                / (n - 1.0)
+                / n;
+            let scale = on.iter().sum::<f64>() / n;
+            let (relative, sigma) = (middle / scale, variance.sqrt() / scale);
+            assert!(
+                relative.abs() < 4.0 * sigma + 1e-9 && sigma < 0.005,
+                "{mesh}, {material}: {name} changes the mean by {relative} ± {sigma}"
+            );
+        }
+    }
+    // Each has something to skip here.
+    assert!(counted.background_pixels > 0 && counted.proven_open > 0);
+    assert!(counted.negligible > 0 && counted.zero_lobes > 0);
 }

@@ -165,6 +165,12 @@ impl Patches {
         self.patches[patch as usize].get_or_init(|| Box::new(self.explore(patch, mesh, accel)))
     }
 
+    /// Number of patches explored so far.
+    pub(super) fn explored(&self) -> u64 {
+        let explored = self.patches.iter().filter(|patch| patch.get().is_some());
+        explored.count() as u64
+    }
+
     /// Probability that a direction (unit, object frame), which lies in `cell`, is blocked at a spot
     /// of `patch`.
     #[inline]

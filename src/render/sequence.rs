@@ -150,6 +150,7 @@ pub fn render_sequence(
 
     let mut stats = RenderStats::default();
     done.into_iter().for_each(|s| stats += s);
+    stats.patches_explored += stage.patches.explored();
     Ok(stats)
 }
 

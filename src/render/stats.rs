@@ -19,6 +19,12 @@ pub struct RenderStats {
     pub proven_open: u64,
     /// Surface interactions shaded.
     pub bounces: u64,
+    /// Those of them after which a path ended since little was left to find.
+    pub negligible: u64,
+    /// Those of them where a lobe was zero and not weighed or looked up.
+    pub zero_lobes: u64,
+    /// Patches of the surface of which rays told what blocks them.
+    pub patches_explored: u64,
     /// Pixels skipped because no triangle projects onto them.
     pub background_pixels: u64,
 }
@@ -31,6 +37,9 @@ impl AddAssign for RenderStats {
         self.shadow_rays += other.shadow_rays;
         self.proven_open += other.proven_open;
         self.bounces += other.bounces;
+        self.negligible += other.negligible;
+        self.zero_lobes += other.zero_lobes;
+        self.patches_explored += other.patches_explored;
         self.background_pixels += other.background_pixels;
     }
 }

@@ -1,0 +1,52 @@
+//! What a frame need not do, and may be told to do all the same.
+//!
+//! None of these changes the expected image; `background`, `proven-open`, `zero-lobes` and `explored`
+//! do not change a bit of it. They can be switched off one by one so that a test can say so and a
+//! bench what each saves.
+
+/// Work that can be left undone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Skip {
+    /// Pixels that no triangle projects onto are not sampled.
+    Background,
+    /// Directions above a plane that the whole mesh lies below need no ray.
+    ProvenOpen,
+    /// Where little of the pixel is left to find, only some of the paths look for it.
+    Negligible,
+    /// The lobe is not weighed where rho_s is zero, the table not looked up where rho_d is.
+    ZeroLobes,
+    /// What blocks a patch of the surface is kept for other pixels and frames.
+    Explored,
+}
+
+impl Skip {
+    /// All of them, with the names that users give.
+    pub const ALL: [(Self, &str); 5] = [
+        (Self::Background, "background"),
+        (Self::ProvenOpen, "proven-open"),
+        (Self::Negligible, "negligible"),
+        (Self::ZeroLobes, "zero-lobes"),
+        (Self::Explored, "explored"),
+    ];
+}
+
+/// The skips that are on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Skips(u8);
+
+impl Skips {
+    /// Every skip.
+    pub const ALL: Self = Self(u8::MAX);
+
+    /// All of these but one.
+    #[must_use]
+    pub fn without(self, skip: Skip) -> Self {
+        Self(self.0 & !(1 << skip as u8))
+    }
+
+    /// Whether a skip is on.
+    #[inline]
+    pub fn has(self, skip: Skip) -> bool {
+        self.0 & (1 << skip as u8) != 0
+    }
+}
