@@ -8,7 +8,7 @@ use super::integrator::{Illuminated, PixelGuides};
 use super::patches::Patches;
 use super::target_error;
 use super::{RenderStats, Skip, Skips, Stage};
-use crate::image::{Channel, Mask, RgbImage};
+use crate::image::{Mask, RgbImage};
 use crate::rig::View;
 use crate::sampling::SobolPath;
 
@@ -55,9 +55,6 @@ pub struct RenderedFrame {
     pub radiance: RgbImage,
     /// Coverage of each pixel.
     pub mask: Mask,
-    /// At pixel centres: `depth.Z` (object units), `normal.X/Y/Z` (object frame), `id.T` (triangle,
-    /// −1 where nothing is).
-    pub aovs: Vec<Channel>,
     /// Work done.
     pub stats: RenderStats,
 }
@@ -69,13 +66,6 @@ pub(super) struct Sampled {
     pub(super) radiance: Vec3,
     /// Coverage.
     pub(super) coverage: u8,
-}
-
-/// What stands at the centre of one pixel.
-struct Centre {
-    depth: f32,
-    normal: Vec3,
-    triangle: f32,
 }
 
 /// Pixels along a triangle from which on a lens may bend its edges by more than the margin.
@@ -293,29 +283,6 @@ impl<'a> FrameSampler<'a> {
     pub(super) fn on_silhouette(&self, pixel: usize) -> bool {
         self.silhouette[pixel]
     }
-
-    /// What stands at the centre of every pixel, row by row.
-    fn centres(&self) -> Vec<Centre> {
-        let stage = self.illuminated.stage;
-        let centre = |x: usize, y: usize| {
-            let ray = self.view.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
-            let hit = stage.accel.closest_hit(&ray, f32::INFINITY);
-            Centre {
-                depth: hit.map_or(0.0, |hit| hit.t * stage.mesh.scale as f32),
-                normal: hit.map_or(Vec3::ZERO, |hit| {
-                    let barycentric = glam::Vec2::new(hit.u, hit.v);
-                    stage.mesh.normal_at(hit.triangle, barycentric)
-                }),
-                triangle: hit.map_or(-1.0, |hit| hit.triangle as f32),
-            }
-        };
-        let width = self.width;
-        (0..self.height)
-            .into_par_iter()
-            .flat_map_iter(|y| (0..width).map(move |x| (x, y)))
-            .map(|(x, y)| centre(x, y))
-            .collect()
-    }
 }
 
 /// Renders the frame number `number` of the turntable at `angle` (radians).
@@ -346,11 +313,6 @@ pub fn render_frame(
     if !settings.skips.has(Skip::Explored) {
         stats.patches_explored = patches.explored();
     }
-    let centres = sampler.centres();
-    let channel = |name: &str, value: &dyn Fn(&Centre) -> f32| Channel {
-        name: name.to_owned(),
-        samples: centres.iter().map(value).collect(),
-    };
     let (width, height) = (sampler.width, sampler.height);
     RenderedFrame {
         radiance: RgbImage {
@@ -363,13 +325,6 @@ pub fn render_frame(
             height,
             pixels: pixels.iter().map(|p| p.coverage).collect(),
         },
-        aovs: vec![
-            channel("depth.Z", &|p| p.depth),
-            channel("id.T", &|p| p.triangle),
-            channel("normal.X", &|p| p.normal.x),
-            channel("normal.Y", &|p| p.normal.y),
-            channel("normal.Z", &|p| p.normal.z),
-        ],
         stats,
     }
 }

@@ -1,5 +1,6 @@
 //! The forward renderer: a path tracer over turntable poses.
 
+mod centres;
 mod direction_map;
 mod expected_lobe;
 mod frame;
@@ -18,6 +19,7 @@ mod stats;
 mod target_error;
 mod weights;
 
+pub use centres::pixel_centres;
 pub use frame::{FrameSettings, RenderedFrame, Sampling, render_frame};
 pub use sensor::expose;
 pub use sequence::{RenderError, SequenceSettings, render_sequence};

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{FrameSettings, RenderStats, Stage, expose, render_frame};
+use super::{FrameSettings, RenderStats, Stage, expose, pixel_centres, render_frame};
 use crate::image::{ImageError, write_atomically, write_exr, write_exr_channels};
 use crate::mesh::{MeshError, write_ply};
 use crate::scene::{Capture, CaptureFrame, ObjectSource, ProbeSource, Scene};
@@ -114,42 +114,45 @@ pub fn render_sequence(
     write_surroundings(scene, stage, settings)?;
 
     // Frames and the pixels in them share one pool, so both many small and few large frames keep
-    // every thread busy; a frame's memory is held by one thread at a time.
-    let done: Vec<RenderStats> = frames
-        .into_par_iter()
-        .map(|number| {
-            let image_path = frame_path(&settings.out, "images", number, "exr");
-            if settings.resume && image_path.exists() {
-                on_frame(number);
-                return Ok(RenderStats::default());
-            }
-            let angle = scene.angles[number];
-            let mut frame = render_frame(stage, number as u32, angle, &settings.frame);
-            if let Some(sensor) = &scene.sensor {
-                expose(
-                    &mut frame.radiance,
-                    sensor,
-                    1.0,
-                    settings.frame.seed,
-                    number as u32,
-                );
-            }
-            if settings.aovs {
-                let path = frame_path(&settings.out, "aovs", number, "exr");
-                let (width, height) = (frame.mask.width, frame.mask.height);
-                write_exr_channels(&path, width, height, &frame.aovs)?;
-            }
-            frame
-                .mask
-                .write(&frame_path(&settings.out, "masks", number, "png"))?;
-            write_exr(&image_path, &frame.radiance)?;
+    // every thread busy. No more frames are begun than there are threads: memory holds one for each.
+    let render = |number: usize| -> Result<RenderStats, RenderError> {
+        let image_path = frame_path(&settings.out, "images", number, "exr");
+        if settings.resume && image_path.exists() {
             on_frame(number);
-            Ok(frame.stats)
-        })
-        .collect::<Result<_, RenderError>>()?;
-
+            return Ok(RenderStats::default());
+        }
+        let angle = scene.angles[number];
+        let mut frame = render_frame(stage, number as u32, angle, &settings.frame);
+        if let Some(sensor) = &scene.sensor {
+            expose(
+                &mut frame.radiance,
+                sensor,
+                1.0,
+                settings.frame.seed,
+                number as u32,
+            );
+        }
+        if settings.aovs {
+            let path = frame_path(&settings.out, "aovs", number, "exr");
+            let (width, height) = (frame.mask.width, frame.mask.height);
+            write_exr_channels(&path, width, height, &pixel_centres(stage, angle))?;
+        }
+        frame
+            .mask
+            .write(&frame_path(&settings.out, "masks", number, "png"))?;
+        write_exr(&image_path, &frame.radiance)?;
+        on_frame(number);
+        Ok(frame.stats)
+    };
     let mut stats = RenderStats::default();
-    done.into_iter().for_each(|s| stats += s);
+    let numbers: Vec<usize> = frames.collect();
+    for together in numbers.chunks(rayon::current_num_threads()) {
+        let done: Vec<RenderStats> = together
+            .par_iter()
+            .map(|&number| render(number))
+            .collect::<Result<_, RenderError>>()?;
+        done.into_iter().for_each(|s| stats += s);
+    }
     stats.patches_explored += stage.patches.explored();
     Ok(stats)
 }
