@@ -1,7 +1,7 @@
 //! Arrays in a zip file, as `numpy.savez` writes and `numpy.load` reads them.
 
 use std::fs::File;
-use std::io::{self, BufReader, Seek, Write};
+use std::io::{self, BufReader, Cursor, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use npyz::{AutoSerialize, Deserialize, NpyFile, Order, TypeStr, WriterBuilder};
@@ -137,7 +137,8 @@ impl ArrayReader {
             return Err(ExportError::MissingArray { path, name });
         };
         let entry = self.zip.by_index(index).map_err(|error| broken(&error))?;
-        let array = NpyFile::new(entry).map_err(|error| broken(&error))?;
+        let (start, rest) = checked_start(entry).map_err(|error| broken(&error))?;
+        let array = NpyFile::new(Cursor::new(start).chain(rest)).map_err(|error| broken(&error))?;
 
         // Type, number of axes, columns and order must be those written.
         let expected = format!(
@@ -183,6 +184,27 @@ impl ArrayReader {
             Err(broken(&"ends early"))
         }
     }
+}
+
+/// The first bytes of an array, and the rest, unless its header claims more than NumPy ever writes.
+///
+/// The npyz crate (0.9) allocates what the header's length says before it reads it.
+fn checked_start<R: Read>(mut array: R) -> io::Result<(Vec<u8>, R)> {
+    const LONGEST_HEADER: u32 = 1 << 16;
+    // Magic, version; from version 2 on the header's length has four bytes.
+    let mut start = Vec::new();
+    array.by_ref().take(12).read_to_end(&mut start)?;
+    if let [_, _, _, _, _, _, version, _, a, b, c, d] = start[..]
+        && version >= 2
+        && let length = u32::from_le_bytes([a, b, c, d])
+        && length > LONGEST_HEADER
+    {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidData,
+            format!("claims a header of {length} bytes; write the file again"),
+        ));
+    }
+    Ok((start, array))
 }
 
 /// NumPy's name of the two types written here, else the code in the file.

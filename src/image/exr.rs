@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use super::{
     Channel, Fault, RgbImage,
-    read::{check_size, without_panic},
+    read::{PACKED_MOST, check_size, without_panic},
 };
 
 /// The first bytes of every EXR file.
@@ -119,15 +119,22 @@ impl<R: Read + Seek> Layers<R> {
         for (_, header) in layers.flat() {
             let bytes = header.channels.bytes_per_pixel;
             let display = header.shared_attributes.display_window.size;
-            check_size(display.x(), display.y(), bytes, file_bytes)?;
+            check_size(display.x(), display.y(), bytes, file_bytes, PACKED_MOST)?;
             check_size(
                 header.layer_size.x(),
                 header.layer_size.y(),
                 bytes,
                 file_bytes,
+                PACKED_MOST,
             )?;
             if let ::exr::meta::BlockDescription::Tiles(tiles) = header.blocks {
-                check_size(tiles.tile_size.x(), tiles.tile_size.y(), bytes, file_bytes)?;
+                check_size(
+                    tiles.tile_size.x(),
+                    tiles.tile_size.y(),
+                    bytes,
+                    file_bytes,
+                    PACKED_MOST,
+                )?;
             }
         }
         if layers.flat().next().is_none() {

@@ -16,9 +16,14 @@ use super::{Channel, Fault, ImageError, Mask, RgbImage, exr, srgb_decode};
 /// The largest image that is read; 16384 × 8192, the largest probe, is half of it.
 pub const MAX_PIXELS: usize = 1 << 28;
 
-/// No format here packs more than this many bytes into one: all-black DWAB comes to some thousands,
-/// deflate to 1032. A header that claims more belongs to a truncated file.
-const MAX_COMPRESSION: u64 = 1 << 16;
+/// EXR and Radiance HDR pack no more than this many bytes into one: all-black DWAB comes to some
+/// thousands. A header that claims more belongs to a truncated file.
+pub(super) const PACKED_MOST: u64 = 1 << 16;
+
+/// The same for PNG, JPEG and TIFF: progressive JPEG comes to 1536, LZW to 2700, deflate to 1032. The
+/// decoder of JPEG fills what is missing with grey, so that a header of a kilobyte became an image of
+/// 400 MB under the limit above.
+const PACKED_LESS: u64 = 1 << 12;
 
 /// What integer samples of PNG, JPEG and TIFF stand for.
 #[derive(Clone, Copy)]
@@ -120,7 +125,7 @@ fn decode(mut file: impl BufRead + Seek) -> Result<DynamicImage, Fault> {
     if file.fill_buf().map_err(Fault::damaged)?.starts_with(b"#?") {
         // Some programs sign Radiance files "#?RGBE".
         let decoder = HdrDecoder::new_nonstrict(file).map_err(Fault::damaged)?;
-        return decode_checked(decoder, file_bytes);
+        return decode_checked(decoder, file_bytes, PACKED_MOST);
     }
     let reader = ImageReader::new(file)
         .with_guessed_format()
@@ -132,26 +137,39 @@ fn decode(mut file: impl BufRead + Seek) -> Result<DynamicImage, Fault> {
         ::image::ImageError::Unsupported(_) => Fault::new(error, KNOWN),
         _ => Fault::damaged(error),
     })?;
-    decode_checked(decoder, file_bytes)
+    decode_checked(decoder, file_bytes, PACKED_LESS)
 }
 
-fn decode_checked(mut decoder: impl ImageDecoder, file_bytes: u64) -> Result<DynamicImage, Fault> {
+fn decode_checked(
+    mut decoder: impl ImageDecoder,
+    file_bytes: u64,
+    most_packed: u64,
+) -> Result<DynamicImage, Fault> {
     let (width, height) = decoder.dimensions();
     let bytes = usize::from(decoder.color_type().bytes_per_pixel());
-    check_size(width as usize, height as usize, bytes, file_bytes)?;
-    // Allocation is bounded by the check above; the crate's own limit refuses large probes.
+    check_size(
+        width as usize,
+        height as usize,
+        bytes,
+        file_bytes,
+        most_packed,
+    )?;
+    // The check above bounds the pixels, this what tags of the file may ask for besides; the crate's own
+    // limit refuses large probes.
     let mut limits = Limits::no_limits();
-    limits.max_alloc = Some(4 * decoder.total_bytes() + (1 << 28));
+    limits.max_alloc = Some(4 * decoder.total_bytes() + (1 << 24));
     decoder.set_limits(limits).map_err(Fault::damaged)?;
     DynamicImage::from_decoder(decoder).map_err(Fault::damaged)
 }
 
-/// Refuses sizes that are empty, too large, or more than a file of this length can hold.
+/// Refuses sizes that are empty, too large, or more than a file of this length can hold if it packs
+/// `most_packed` bytes into one.
 pub(super) fn check_size(
     width: usize,
     height: usize,
     bytes_per_pixel: usize,
     file_bytes: u64,
+    most_packed: u64,
 ) -> Result<(), Fault> {
     let pixels = width as u128 * height as u128;
     if pixels == 0 {
@@ -164,7 +182,7 @@ pub(super) fn check_size(
         return Err(Fault::new(reason, "scale it down or crop it"));
     }
     let bytes = pixels * bytes_per_pixel as u128;
-    if bytes > u128::from(file_bytes) * u128::from(MAX_COMPRESSION) {
+    if bytes > u128::from(file_bytes) * u128::from(most_packed) {
         let reason = format!("claims {width} × {height} pixels in a file of {file_bytes} bytes");
         return Err(Fault::damaged(reason));
     }

@@ -39,7 +39,7 @@ impl Stage {
     pub fn load(scene: &Scene) -> Result<(Self, Vec<String>), AssetError> {
         let (mesh, mesh_report) = scene.object.load()?;
         let (environment, probe_report) = scene.probe.load()?;
-        let material = MaterialField::load(&scene.material, &mesh)?;
+        let material = MaterialField::load(&scene.material, &mesh, &scene.object.mesh)?;
         let accel = Accel::build(&mesh.positions, &mesh.triangles);
         let warnings = [
             (&scene.object.mesh, mesh_report.to_string()),

@@ -52,7 +52,7 @@ pub(super) fn parameter_views(
     table: &PointTable,
 ) -> Result<Vec<ParameterView>, ReportError> {
     let (mesh, _) = scene.object.load()?;
-    let material = MaterialField::load(&scene.material, &mesh)?;
+    let material = MaterialField::load(&scene.material, &mesh, &scene.object.mesh)?;
     let accel = Accel::build(&mesh.positions, &mesh.triangles);
     let first = scene.angles.first().copied().unwrap_or(0.0);
     let seen = Seen::trace(scene, &mesh, &accel, &[first, first + std::f64::consts::PI]);

@@ -148,13 +148,53 @@ impl Camera {
                 });
             }
         }
-        Ok(Self {
+        let camera = Self {
             width,
             height,
             intrinsics,
             distortion,
             position,
             world_from_camera: DMat3::from_cols(right, down, forward),
+        };
+        camera.check_lens()?;
+        Ok(camera)
+    }
+
+    /// Refuses intrinsics under which some pixel has no ray: on a grid over the image, a pixel's ray must
+    /// lead back to it.
+    fn check_lens(&self) -> Result<(), CameraError> {
+        const STEPS: usize = 8;
+        let returns = |i: usize| {
+            let share =
+                DVec2::new((i % (STEPS + 1)) as f64, (i / (STEPS + 1)) as f64) / STEPS as f64;
+            let pixel = share * DVec2::new(self.width as f64, self.height as f64);
+            let ideal = self.ideal_point(pixel);
+            self.direction(pixel).is_finite()
+                && self
+                    .project_from_camera(ideal.extend(1.0))
+                    .is_some_and(|back| (back - pixel).abs().max_element() < 1.0)
+        };
+        if (0..(STEPS + 1) * (STEPS + 1)).all(returns) {
+            return Ok(());
+        }
+        let Distortion { k1, k2, p1, p2, k3 } = self.distortion;
+        let largest = [k1, k2, p1, p2, k3]
+            .into_iter()
+            .fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+        Err(if largest == 0.0 {
+            CameraError::Value {
+                field: "fx",
+                value: self.intrinsics.fx,
+                requirement: "such, with fy, cx and cy, that every pixel has a direction of its own; \
+                              they are in pixels",
+            }
+        } else {
+            CameraError::Value {
+                field: "distortion",
+                value: largest,
+                requirement: "a lens that can be inverted at every pixel; check the calibration, or crop \
+                              the image to where it holds",
+            }
         })
     }
 
@@ -258,6 +298,33 @@ mod tests {
         assert!((centre - DVec2::new(320.0, 240.0)).length() < 1e-9);
         assert!(camera.project(DVec3::new(0.1, 0.0, 0.0)).unwrap().x > 320.0);
         assert!(camera.project(DVec3::new(0.0, 0.1, 0.0)).unwrap().y < 240.0);
+    }
+
+    #[test]
+    fn lenses_without_a_ray_for_some_pixel_are_refused_by_name() {
+        let plain = Intrinsics::from_fov_x(640, 480, 0.9);
+        let folded = |k1, p2| Distortion {
+            k1,
+            p2,
+            ..Distortion::default()
+        };
+        let wide = |fx| Intrinsics { fx, ..plain };
+        for (intrinsics, distortion, named) in [
+            (plain, folded(-5.0, 0.0), "distortion = -5"),
+            (plain, folded(0.1, 1e308), "distortion = 1"),
+            (wide(1e-320), Distortion::default(), "fx = "),
+        ] {
+            let error = Camera::looking_at(
+                (640, 480),
+                intrinsics,
+                distortion,
+                DVec3::Z,
+                DVec3::ZERO,
+                DVec3::Y,
+            );
+            let error = error.unwrap_err().to_string();
+            assert!(error.starts_with(named), "{error}");
+        }
     }
 
     #[test]

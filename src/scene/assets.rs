@@ -26,18 +26,21 @@ pub enum AssetError {
     },
     /// A map is looked up by UV, and the mesh has none.
     #[error(
-        "material.{key} = \"{}\": the mesh has no texture coordinates; \
-         unwrap it, or give the parameter by vertices (\"vertex:NAME\")", map.display()
+        "material.{key} = \"{}\": {} has no texture coordinates; \
+         unwrap it, or give the parameter by vertices (\"vertex:NAME\")", map.display(), mesh.display()
     )]
     NoTextureCoordinates {
         /// The parameter.
         key: &'static str,
         /// Its map.
         map: PathBuf,
+        /// The mesh.
+        mesh: PathBuf,
     },
     /// A parameter names a vertex property that the mesh lacks.
     #[error(
-        "material.{key}: the mesh has no vertex property `{property}`; it has {}",
+        "material.{key}: {} has no vertex property `{property}`; it has {}",
+        mesh.display(),
         if known.is_empty() { "none".to_owned() } else { known.join(", ") }
     )]
     NoVertexProperty {
@@ -47,6 +50,21 @@ pub enum AssetError {
         property: String,
         /// What there is.
         known: Vec<String>,
+        /// The mesh.
+        mesh: PathBuf,
+    },
+    /// A parameter is NaN or infinite somewhere.
+    #[error(
+        "{}: {place} is NaN or infinite, and material.{key} is read from it; \
+         fill it with a number, or write the file again", path.display()
+    )]
+    NotFinite {
+        /// The parameter.
+        key: &'static str,
+        /// Its map, or the mesh.
+        path: PathBuf,
+        /// The first such texel, or how many vertices.
+        place: String,
     },
 }
 

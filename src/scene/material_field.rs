@@ -1,6 +1,7 @@
 //! The material over the surface, its maps in memory.
 
 use std::ops::{Add, Mul};
+use std::path::Path;
 
 use glam::{Vec2, Vec3};
 
@@ -21,12 +22,16 @@ enum Map<T> {
 /// A value that maps can hold.
 trait Value: Copy + Mul<f32, Output = Self> + Add<Output = Self> {
     fn from_rgb(rgb: Vec3) -> Self;
+    fn is_finite(self) -> bool;
     fn read_vertex(mesh: &Mesh, name: &str) -> Result<Vec<Self>, String>;
 }
 
 impl Value for f32 {
     fn from_rgb(rgb: Vec3) -> Self {
         rgb.x
+    }
+    fn is_finite(self) -> bool {
+        self.is_finite()
     }
     fn read_vertex(mesh: &Mesh, name: &str) -> Result<Vec<Self>, String> {
         mesh.attributes
@@ -39,6 +44,9 @@ impl Value for f32 {
 impl Value for Vec3 {
     fn from_rgb(rgb: Vec3) -> Self {
         rgb
+    }
+    fn is_finite(self) -> bool {
+        Vec3::is_finite(self)
     }
     fn read_vertex(mesh: &Mesh, name: &str) -> Result<Vec<Self>, String> {
         // One property is neutral; three with suffixes are RGB.
@@ -59,7 +67,17 @@ impl Value for Vec3 {
 }
 
 impl<T: Value> Map<T> {
-    fn load(source: &MapSource<T>, key: &'static str, mesh: &Mesh) -> Result<Self, AssetError> {
+    fn load(
+        source: &MapSource<T>,
+        key: &'static str,
+        mesh: &Mesh,
+        mesh_path: &Path,
+    ) -> Result<Self, AssetError> {
+        let not_finite = |path: &Path, place: String| AssetError::NotFinite {
+            key,
+            path: path.to_path_buf(),
+            place,
+        };
         match source {
             MapSource::Constant(value) => Ok(Self::Constant(*value)),
             MapSource::Texture(path) => {
@@ -67,18 +85,35 @@ impl<T: Value> Map<T> {
                     return Err(AssetError::NoTextureCoordinates {
                         key,
                         map: path.clone(),
+                        mesh: mesh_path.to_path_buf(),
                     });
                 }
-                Ok(Self::Texture(RgbImage::read(path)?))
+                let image = RgbImage::read(path)?;
+                let finite = |&texel: &[f32; 3]| T::from_rgb(texel.into()).is_finite();
+                match image.pixels.iter().position(|texel| !finite(texel)) {
+                    None => Ok(Self::Texture(image)),
+                    Some(i) => {
+                        let (x, y) = (i % image.width, i / image.width);
+                        Err(not_finite(path, format!("texel ({x}, {y})")))
+                    }
+                }
             }
             MapSource::Vertex(name) => {
-                T::read_vertex(mesh, name)
-                    .map(Self::Vertex)
-                    .map_err(|missing| AssetError::NoVertexProperty {
+                let values =
+                    T::read_vertex(mesh, name).map_err(|missing| AssetError::NoVertexProperty {
                         key,
                         property: missing,
                         known: mesh.attributes.keys().cloned().collect(),
-                    })
+                        mesh: mesh_path.to_path_buf(),
+                    })?;
+                match values.iter().filter(|value| !value.is_finite()).count() {
+                    0 => Ok(Self::Vertex(values)),
+                    broken => {
+                        let place =
+                            format!("property `{name}` at {broken} of {} vertices", values.len());
+                        Err(not_finite(mesh_path, place))
+                    }
+                }
             }
         }
     }
@@ -112,20 +147,25 @@ enum SpecularField {
 }
 
 impl MaterialField {
-    /// Reads the maps; the mesh must have what they are looked up by.
-    pub fn load(source: &MaterialSource, mesh: &Mesh) -> Result<Self, AssetError> {
+    /// Reads the maps; the mesh must have what they are looked up by, and every value be finite.
+    /// `mesh_path` names the mesh in errors.
+    pub fn load(
+        source: &MaterialSource,
+        mesh: &Mesh,
+        mesh_path: &Path,
+    ) -> Result<Self, AssetError> {
         Ok(Self {
-            ggx: Map::load(&source.ggx, "ndf", mesh)?,
-            alpha: Map::load(&source.alpha, "alpha", mesh)?,
-            rho_d: Map::load(&source.rho_d, "rho_d", mesh)?,
+            ggx: Map::load(&source.ggx, "ndf", mesh, mesh_path)?,
+            alpha: Map::load(&source.alpha, "alpha", mesh, mesh_path)?,
+            rho_d: Map::load(&source.rho_d, "rho_d", mesh, mesh_path)?,
             specular: match &source.specular {
                 SpecularSource::Dielectric { eta, rho_s } => SpecularField::Dielectric {
                     eta: *eta,
-                    rho_s: Map::load(rho_s, "rho_s", mesh)?,
+                    rho_s: Map::load(rho_s, "rho_s", mesh, mesh_path)?,
                 },
                 SpecularSource::Schlick { f0, f90 } => SpecularField::Schlick {
-                    f0: Map::load(f0, "f0", mesh)?,
-                    f90: Map::load(f90, "f90", mesh)?,
+                    f0: Map::load(f0, "f0", mesh, mesh_path)?,
+                    f90: Map::load(f90, "f90", mesh, mesh_path)?,
                 },
             },
         })

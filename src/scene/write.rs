@@ -185,8 +185,10 @@ impl Writer<'_> {
         let step = camera.position.abs().max_element().max(1.0);
         self.set("position", vector(camera.position));
         self.set("look_at", vector(camera.position + step * forward));
-        // A camera without roll has a level right axis and its head up; others need their up.
-        if right.y.abs() > 1e-12 || down.y >= 0.0 {
+        // A camera without roll has a level right axis and its head up; others need their up, and so does
+        // one that looks so steeply that +Y and the rounded view hardly tell right from left.
+        let steep = forward.x.hypot(forward.z) < 1e-3;
+        if right.y.abs() > 1e-12 || down.y >= 0.0 || steep {
             self.set("up", vector(-down));
         }
     }
