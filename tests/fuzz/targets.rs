@@ -41,6 +41,12 @@ const PACKED: Room = Room {
     ..FLAT
 };
 
+/// Two of them at once.
+const TWO_PACKED: Room = Room {
+    per_byte: 2 << 19,
+    ..FLAT
+};
+
 fn parser(
     name: &'static str,
     file: &'static str,
@@ -413,7 +419,7 @@ fn material_maps_are_read_or_refused() {
             "map.exr",
             Form::Binary,
             seeds::parameter_map(),
-            PACKED,
+            TWO_PACKED,
             3_000,
         ),
         scene,
