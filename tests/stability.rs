@@ -694,9 +694,9 @@ fn collinear_traces_are_mostly_unidentifiable() {
     setup.seen.fov_x_deg = 3.0;
     setup.sections = "up = [0.0, 0.0, 1.0]\n[turntable]\nframes = 6\n".to_owned();
     let [converged, unidentifiable, at_bound, ..] = endings(&fitted(&setup));
-    // Noise fits a lobe now and then: at this seed 4 converge and 5 end at the bound of alpha.
+    // Noise fits a lobe now and then: at this seed one point of 79.
     assert!(
-        unidentifiable > 5 * (converged + at_bound),
+        unidentifiable > 25 * (converged + at_bound),
         "{unidentifiable}, {converged} converged, {at_bound} at the bound of alpha"
     );
 }

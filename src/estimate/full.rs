@@ -322,7 +322,11 @@ impl<'a> Problem<'a> {
         let (low, high) = Columns::ln_range();
         let at_bound = minimum.ln_alpha - low < 1e-3 || high - minimum.ln_alpha < 1e-3;
         let sigma_ln_alpha = f64::from(sigma[6]);
-        let status = if !sigma_ln_alpha.is_finite() || sigma_ln_alpha > LARGEST_SIGMA_LN_ALPHA {
+        // A lobe that may as well not be there has no roughness, however well noise fits into one.
+        let rho_s = minimum.rho_s.as_vec3();
+        let is_seen = (0..3).any(|c| rho_s[c] > sigma[3 + c]);
+        let is_known = sigma_ln_alpha.is_finite() && sigma_ln_alpha <= LARGEST_SIGMA_LN_ALPHA;
+        let status = if !(is_seen && is_known) {
             Status::Unidentifiable
         } else if at_bound {
             Status::AlphaAtBound
@@ -331,7 +335,7 @@ impl<'a> Problem<'a> {
         };
         Estimate {
             rho_d: minimum.rho_d.as_vec3(),
-            rho_s: minimum.rho_s.as_vec3(),
+            rho_s,
             alpha,
             ndf: minimum.ndf,
             sigma_rho_d: Vec3::new(sigma[0], sigma[1], sigma[2]),
