@@ -16,7 +16,7 @@ use tempfile::TempDir;
 use turnlight::export::PointTable;
 use turnlight::image::{RgbImage, write_exr};
 use turnlight::mesh::{Surface, cup, sphere};
-use turnlight::render::{FrameSettings, RenderedFrame, Stage, render_frame};
+use turnlight::render::{FrameSettings, RenderedFrame, Sampling, Skips, Stage, render_frame};
 use turnlight::scene::Scene;
 
 const WHITE: &str = "ndf = 'ggx'\nalpha = 0.5\nrho_d = 1.0\nrho_s = 0.0";
@@ -101,9 +101,10 @@ impl Setup {
             0,
             0.0,
             &FrameSettings {
-                samples_per_pixel,
+                sampling: Sampling::PerPixel(samples_per_pixel),
                 bounces,
                 seed: 7,
+                skips: Skips::ALL,
             },
         );
         let numbers = frame.radiance.pixels.as_flattened();

@@ -11,8 +11,8 @@ A case passes if at least 99.75 % of the tests are accepted, the means of the im
 most 0.2 %, and the standard error of their ratio is below 0.07 %, so that this says something.
 
 Where a lamp is seen in two narrow lobes, one after the other, a few pixels make all the noise of the
-mean: with alpha 0.05 and rho_s 20, Suzanne would take either renderer more than 100,000 seeds of 256 paths. There,
-the ratio is of the other pixels. Which those are is found with seeds that are not used again, and the
+mean: it would take either renderer thousands of seeds of 256 paths. There, the ratio is of the other
+pixels. Which those are is found with seeds that are not used again, and the
 table says how many were left out; the tests of tiles have them all.
 
 The full run covers 3 scenes x 3 roughnesses x 2 lobes x 2 specular albedos x 2 depths, the turn
@@ -64,6 +64,9 @@ FULL = [
 for number, case in enumerate(FULL):
     # + number // 3: 3 divides the number of roughnesses, and each should see every angle.
     case.update(size=128, angle=ANGLES[(number + number // 3) % 3])
+    # From the other sides, a lamp is seen in two lobes at once: 16 times the noise.
+    if case["scene"] == "suzanne-plastic" and case["depth"] == 4 and case["rho_s"] == 20.0:
+        case["angle"] = 97.0
 # The noisy ones last: light that a bright lobe throws on another takes Mitsuba hundreds of seeds.
 FULL.sort(key=lambda case: (case["depth"] == 4 and case["rho_s"] == 20.0, case["depth"]))
 QUICK = [

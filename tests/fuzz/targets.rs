@@ -10,7 +10,7 @@ use turnlight::geometry::Ray;
 use turnlight::image::{Mask, RgbImage, read_exr_channels, write_exr};
 use turnlight::mesh::{LoadOptions, Mesh};
 use turnlight::probe::Environment;
-use turnlight::render::{FrameSettings, SequenceSettings, Stage, render_sequence};
+use turnlight::render::{FrameSettings, Sampling, SequenceSettings, Skips, Stage, render_sequence};
 use turnlight::report::write_report;
 use turnlight::rig::Camera;
 use turnlight::scene::{Capture, MaterialField, Scene, Sensor};
@@ -513,9 +513,10 @@ fn render_toml_is_read_or_refused() {
         let settings = SequenceSettings {
             out: out.to_owned(),
             frame: FrameSettings {
-                samples_per_pixel: 1,
+                sampling: Sampling::PerPixel(1),
                 bounces: 1,
                 seed: 0,
+                skips: Skips::ALL,
             },
             frames: Some(0..1),
             resume: true,
