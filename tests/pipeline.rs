@@ -207,7 +207,10 @@ fn a_killed_render_goes_on_without_losing_or_tearing_a_frame() {
         "9",
         "--resume",
     ];
-    assert!(String::from_utf8_lossy(&turnlight(&other).stderr).contains("sampling: --spp 200 there, --spp 9 now"));
+    assert!(
+        String::from_utf8_lossy(&turnlight(&other).stderr)
+            .contains("sampling: --spp 200 there, --spp 9 now")
+    );
 
     let resumed = turnlight(&[&words(text(&killed))[..], &["--resume"]].concat());
     assert!(

@@ -89,6 +89,11 @@ impl ExpectedLobe {
         }
     }
 
+    /// About the share of light that is reflected, mean of RGB.
+    pub(super) fn albedo(&self) -> f32 {
+        (self.diffuse * std::f32::consts::PI + self.specular * self.f0).clamp(0.1, 3.0)
+    }
+
     /// Diffuse and specular `f cos` towards places, the lobe (taken for GGX's) widened by each place's
     /// spread.
     #[inline]

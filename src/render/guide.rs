@@ -132,25 +132,27 @@ impl Guide {
 
         // Blocked cells: what the object sends there is about its albedo times the mean light.
         let mut weights = [0.0; CELLS];
+        let mut mirrored = 0.0;
         if indirect {
             let reflected = lobe.expect(cells);
-            let glow = light.mean * surface.brdf.rho_d.element_sum().clamp(0.1, 3.0) / 3.0;
-            let scale = glow * 4.0 * std::f32::consts::PI / CELLS as f32;
+            let scale = light.mean * lobe.albedo() * 4.0 * std::f32::consts::PI / CELLS as f32;
             for (cell, weight) in weights.iter_mut().enumerate() {
-                let reflected = reflected.diffuse[cell] + reflected.specular[cell];
-                *weight = reflected * patch.blocked[cell] * scale;
+                let sent = patch.blocked[cell] * scale;
+                *weight = (reflected.diffuse[cell] + reflected.specular[cell]) * sent;
+                mirrored += reflected.specular[cell] * sent;
             }
         }
         let cells = Weights::new(weights);
 
-        // The lobe takes half of what it could find; expectation over whole patches of light is poor
-        // for narrow lobes.
+        // The lobe takes half of what it could find, of the light and of the object; expectation over
+        // whole patches of light and whole cells is poor for narrow lobes.
         let lobes = if lobe.specular > 0.0 {
-            0.5 * glints + 1e-30
+            0.5 * (glints + mirrored) + 1e-30
         } else {
             0.0
         };
-        let found = [lights.sum - lobes.min(0.5 * lights.sum), cells.sum, lobes];
+        let rest = |sum: f32, part: f32| sum - (0.5 * part).min(0.5 * sum);
+        let found = [rest(lights.sum, glints), rest(cells.sum, mirrored), lobes];
         let mut guide = Self {
             normal,
             hidden_moments,
