@@ -279,6 +279,11 @@ impl<'a> FrameSampler<'a> {
         }
     }
 
+    /// Whether triangles project onto a pixel.
+    pub(super) fn covers(&self, pixel: usize) -> bool {
+        self.covered[pixel]
+    }
+
     /// Whether the silhouette crosses a pixel.
     pub(super) fn on_silhouette(&self, pixel: usize) -> bool {
         self.silhouette[pixel]

@@ -22,6 +22,7 @@ use super::expected_lobe::{ExpectedLobe, Places, SAME_FACING, Surface};
 use super::frame_light::FrameLight;
 use super::patches::{DOUBT, Patch};
 use super::weights::{PLACES, Weights, sum_of};
+use crate::brdf::Dichromatic;
 use crate::geometry::Local;
 
 /// Patches of light: more follow the light closer and take longer to weigh.
@@ -53,6 +54,8 @@ pub(super) fn cells_as_places() -> Places {
 pub(super) struct Guide {
     /// Normal that the guide was made for.
     normal: Vec3,
+    /// Whether it was made for a diffuse part, and for a lobe.
+    parts: [bool; 2],
     /// `∫ E ω dω` of the light left out of the table's answer, one column a channel.
     hidden_moments: Mat3,
     /// `[patch of light]` whether it is left out.
@@ -155,6 +158,7 @@ impl Guide {
         let found = [rest(lights.sum, glints), rest(cells.sum, mirrored), lobes];
         let mut guide = Self {
             normal,
+            parts: parts_of(surface.brdf),
             hidden_moments,
             hidden,
             expected: lights.sum + cells.sum,
@@ -208,10 +212,12 @@ impl Guide {
     }
 
     /// Whether another point of the patch may use this guide: one that faces nearly as the guide's
-    /// own did. A guide made for a black point has nothing to offer to others.
+    /// own did and reflects in the same ways. A guide made for a black point has nothing to offer.
     #[inline]
-    pub(super) fn serves(&self, normal: Vec3) -> bool {
-        normal.dot(self.normal) > SAME_FACING && self.shares != [0.0; 3]
+    pub(super) fn serves(&self, normal: Vec3, brdf: &Dichromatic) -> bool {
+        normal.dot(self.normal) > SAME_FACING
+            && self.parts == parts_of(brdf)
+            && self.shares != [0.0; 3]
     }
 
     /// Irradiance of the light that is left out, which the table's answer holds, at a normal that the
@@ -250,6 +256,12 @@ impl Guide {
     }
 }
 
+/// Whether a material has a diffuse part, and a lobe.
+#[inline]
+fn parts_of(brdf: &Dichromatic) -> [bool; 2] {
+    [brdf.rho_d, brdf.rho_s].map(|albedo| albedo != Vec3::ZERO)
+}
+
 /// A direction of the mixture.
 pub(super) struct Drawn {
     /// Of the mixture, per steradian.
@@ -263,7 +275,7 @@ mod tests {
     use glam::Mat3;
 
     use super::*;
-    use crate::brdf::{Alpha, Dichromatic, Fresnel};
+    use crate::brdf::{Alpha, Fresnel};
     use crate::geometry::Frame;
     use crate::image::RgbImage;
     use crate::probe::{Environment, LightClusters};

@@ -101,14 +101,12 @@ impl Illuminated<'_> {
             };
             let blockage = |direction: Vec3, cell: usize| {
                 let place = (direction, cell);
-                stage
-                    .patches
-                    .blocked(patch, spot, place, mesh, &stage.accel)
+                self.patches.blocked(patch, spot, place, mesh, &stage.accel)
             };
             let (light, cells) = (&self.light, &stage.cells);
             let own;
             let guide = if bounce == 1 {
-                guides.of(number, frame.normal, || {
+                guides.of(number, &surface, || {
                     let ask: Option<&mut dyn FnMut(Vec3) -> bool> = if patch.convex {
                         None
                     } else {
@@ -208,8 +206,10 @@ impl Illuminated<'_> {
 }
 
 impl PixelGuides {
-    fn of(&mut self, patch: u32, normal: Vec3, make: impl FnOnce() -> Guide) -> &Guide {
-        let serves = |(known, guide): &(u32, Guide)| *known == patch && guide.serves(normal);
+    fn of(&mut self, patch: u32, surface: &Surface<'_>, make: impl FnOnce() -> Guide) -> &Guide {
+        let serves = |(known, guide): &(u32, Guide)| {
+            *known == patch && guide.serves(surface.frame.normal, surface.brdf)
+        };
         let place = match self.known.iter().position(serves) {
             Some(place) => place,
             None => {

@@ -30,15 +30,16 @@ const CLOSE: &str = "width = 6\nheight = 6\nfov_x_deg = 26.0";
 /// A shipped mesh under a light, seen from above.
 fn stage(mesh: &str, material: &str, light: fn(f32, f32) -> [f32; 3], camera: &str) -> Stage {
     let folder = tempfile::tempdir().unwrap();
-    let pixels = (0..128 * 64)
-        .map(|i| light((i % 128) as f32 / 4.0, (i / 128) as f32 / 4.0))
+    // Of so many texels, light that is hidden is left out of the table.
+    let pixels = (0..256 * 128)
+        .map(|i| light((i % 256) as f32 / 8.0, (i / 256) as f32 / 8.0))
         .collect();
     let probe = folder.path().join("probe.exr");
     write_exr(
         &probe,
         &RgbImage {
-            width: 128,
-            height: 64,
+            width: 256,
+            height: 128,
             pixels,
         },
     )
@@ -298,6 +299,8 @@ fn skips_leave_the_image_alone() {
                 "{name} is counted though it is off"
             );
             if skip != Skip::Negligible {
+                let again = all_done.stats.patches_explored > 0;
+                assert_eq!(again, skip == Skip::Explored, "{name}: patches explored");
                 assert!(
                     frame.radiance.pixels == all_done.radiance.pixels,
                     "{mesh}, {material}: {name} changes the image"
@@ -334,4 +337,73 @@ fn skips_leave_the_image_alone() {
     // Each has something to skip here.
     assert!(counted.background_pixels > 0 && counted.proven_open > 0);
     assert!(counted.negligible > 0 && counted.zero_lobes > 0);
+}
+
+#[test]
+fn target_errors_are_delivered() {
+    let sky: fn(f32, f32) -> [f32; 3] = |x, y| {
+        let lamp = (4.0..6.0).contains(&x) && y < 4.0;
+        [0.5 + if lamp { 40.0 } else { 0.0 }; 3]
+    };
+    let material = "ndf = 'ggx'\nalpha = 0.3\nrho_d = 0.5\nrho_s = 2.35";
+    let camera = "width = 40\nheight = 40\nfov_x_deg = 40.0";
+    let stage = stage("cup.ply", material, sky, camera);
+    let render = |sampling: Sampling, seed: u64| {
+        let settings = FrameSettings {
+            sampling,
+            bounces: 2,
+            seed,
+            skips: Skips::ALL,
+        };
+        render_frame(&stage, 0, 0.4, &settings)
+    };
+    let truth = render(Sampling::PerPixel(8192), 1000).radiance.pixels;
+    let object: Vec<&[f32; 3]> = truth
+        .iter()
+        .filter(|p| p.iter().sum::<f32>() > 1e-4)
+        .collect();
+    let sum: f32 = object.iter().copied().flatten().sum();
+    let floor2 = (0.1 * sum / (3 * object.len()) as f32).powi(2);
+    let asked = 0.05;
+    let squared = |seed: u64| -> f32 {
+        let image = render(Sampling::TargetError(asked), seed).radiance.pixels;
+        let errors = truth.iter().flatten().zip(image.iter().flatten());
+        let sum: f32 = errors
+            .map(|(t, x)| (x - t).powi(2) / (t * t + floor2))
+            .sum();
+        sum / (3 * object.len()) as f32
+    };
+    let seeds = 16;
+    let mean = (0..seeds).map(squared).sum::<f32>() / seeds as f32;
+    let delivered = mean.sqrt() / asked;
+    assert!((delivered - 1.0).abs() < 0.15, "{delivered}");
+}
+
+#[test]
+fn target_errors_end_for_frames_of_nothing() {
+    let sky: fn(f32, f32) -> [f32; 3] = |_, _| [1.0; 3];
+    let black: fn(f32, f32) -> [f32; 3] = |_, _| [0.0; 3];
+    let material = "ndf = 'ggx'\nalpha = 0.3\nrho_d = 0.5\nrho_s = 2.35";
+    // One pixel; two, of which one may see nothing; no light.
+    for (light, camera) in [
+        (sky, "width = 1\nheight = 1\nfov_x_deg = 20.0"),
+        (sky, "width = 2\nheight = 1\nfov_x_deg = 80.0"),
+        (black, "width = 20\nheight = 20\nfov_x_deg = 40.0"),
+    ] {
+        let stage = stage("cup.ply", material, light, camera);
+        let settings = FrameSettings {
+            sampling: Sampling::TargetError(0.02),
+            bounces: 2,
+            seed: 3,
+            skips: Skips::ALL,
+        };
+        let frame = render_frame(&stage, 0, 0.4, &settings);
+        let pixels = frame.radiance.pixels.as_flattened();
+        assert!(pixels.iter().all(|x| x.is_finite()));
+        let lit = light(0.0, 0.0)[0] > 0.0;
+        // What has noise gets more than the least, and nothing gets the most.
+        let paths = frame.stats.paths - frame.stats.pilot_paths;
+        let each = paths as f64 / pixels.len() as f64 * 3.0;
+        assert!(each < 1e5 && (!lit || each > 4.0), "{camera}: {each}");
+    }
 }

@@ -24,7 +24,7 @@ use crate::sampling::{SobolPath, as_points, cosine_hemisphere};
 const RAYS: usize = 2;
 /// Largest number of patches: each costs a tenth of a millisecond.
 const MOST_PATCHES: usize = 2048;
-/// Largest number of spots; each keeps a byte a cell, in memory that is only touched where paths look.
+/// Largest number of spots; each keeps a byte a cell, from when its patch is explored.
 const MOST_SPOTS: usize = 1 << 17;
 /// Rays that tell whether a triangle lies open at all.
 const EXPOSURE_RAYS: u32 = 4;
@@ -44,7 +44,7 @@ pub(super) struct Patch {
     /// above the plane need no ray.
     pub(super) convex: bool,
     /// `[spot of the patch][cell]` which of a cell's rays are blocked there, a bit each; [`ASKED`] if
-    /// they were traced. None where no cell is mixed.
+    /// they were traced. Convex patches need none.
     answers: Box<[AtomicU8]>,
     first_spot: u32,
 }

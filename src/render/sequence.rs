@@ -196,7 +196,7 @@ fn write_surroundings(
         scene: digest(scene_text.as_bytes()),
         mesh: digest(&read(&scene.object.mesh)?),
         probe: digest(&read(&scene.probe.image)?),
-        sampling: settings.frame.sampling.to_string(),
+        sampling: format!("{}{}", settings.frame.sampling, settings.frame.skips),
         bounces: settings.frame.bounces,
         seed: settings.frame.seed,
     };
@@ -264,7 +264,12 @@ fn check_provenance(
         return Err(RenderError::Exists(out.to_owned()));
     }
     let Ok(begun) = toml::from_str::<Provenance>(&text) else {
-        return Err(RenderError::Exists(out.to_owned()));
+        return Err(RenderError::Differs {
+            path,
+            key: "turnlight version",
+            begun: "another".to_owned(),
+            asked: asked.turnlight.clone(),
+        });
     };
     let pairs = [
         (

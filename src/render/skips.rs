@@ -50,3 +50,15 @@ impl Skips {
         self.0 & (1 << skip as u8) != 0
     }
 }
+
+impl std::fmt::Display for Skips {
+    /// As the option that switches skips off; empty if none is.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for (skip, name) in Skip::ALL {
+            if !self.has(skip) {
+                write!(f, " --no-skip {name}")?;
+            }
+        }
+        Ok(())
+    }
+}

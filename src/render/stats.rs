@@ -13,7 +13,7 @@ pub struct RenderStats {
     pub pilot_paths: u64,
     /// Closest-hit queries, camera rays included.
     pub closest_rays: u64,
-    /// Occlusion queries.
+    /// Occlusion queries of paths; those that explore patches and find silhouettes are not counted.
     pub shadow_rays: u64,
     /// Directions above a plane that nothing of the mesh rises above: no ray was needed.
     pub proven_open: u64,

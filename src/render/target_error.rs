@@ -7,9 +7,9 @@
 //!
 //! Half of the pixels decide how the tiles share the paths; the other half, which had no say, tells
 //! what error that gives, and all shares are scaled until it is the one asked for. One half for both
-//! would promise too much, for the same reason.
+//! would promise too much, for the same reason. Objects of few pixels have to do with that.
 
-use glam::Vec3;
+use glam::DVec3;
 
 use super::RenderStats;
 use super::frame::{FrameSampler, Sampled};
@@ -22,14 +22,18 @@ const FIRST: u32 = 2;
 const STEP: u32 = 4;
 /// A pilot says how many paths are needed if that is at most this many times its own.
 const REACH: f64 = 8.0;
-/// A tile's estimate is mixed with that of all tiles together as if the latter came from this many
-/// pixels: few pixels that have missed the rare bright paths would promise too much.
+/// A tile's estimate is mixed with that of all tiles of the same pilot as if the latter came from this
+/// many pixels: few pixels that have missed the rare bright paths would promise too much.
 const PRIOR: f64 = 32.0;
 /// Squared error falls as paths to the minus this, inside the object and on its silhouette, where
 /// well-spread paths do better. Measured between 2 and 32 paths: 1.0 to 1.2, and 1.1 to 1.4.
 const RATES: [f64; 2] = [1.08, 1.25];
-/// Most paths of a pixel.
-const MOST: f64 = (1 << 24) as f64;
+/// Most paths of a pixel: where a frame would take more, the error is larger than asked for.
+const MOST: f64 = (1 << 20) as f64;
+/// Pilots of so many paths look for an object where triangles project onto a tile.
+const LOOK: u32 = 128;
+/// Below so many object pixels, all decide and all check.
+const FEW: usize = 400;
 
 /// Paths of pixels, by tile.
 pub(super) struct Plan {
@@ -42,7 +46,7 @@ impl Plan {
     /// Paths of a pixel: rounded so that the tile has its number on average.
     pub(super) fn paths(&self, x: usize, y: usize) -> u32 {
         let paths = self.paths[y / TILE * self.across + x / TILE];
-        // Thresholds spread over the pixels of a tile by the golden ratio and its square.
+        // Thresholds spread over the pixels of a tile by the plastic number, as in the R2 sequence.
         let threshold = (0.754_877_7 * x as f64 + 0.569_840_3 * y as f64).fract();
         ((paths + threshold) as u32).max(1)
     }
@@ -79,6 +83,8 @@ impl Measured {
 /// A tile as its last pilot saw it.
 #[derive(Clone, Copy, Default)]
 struct Tile {
+    /// Whether triangles project onto it.
+    covered: bool,
     deciding: Measured,
     checking: Measured,
     /// Paths of that pilot.
@@ -93,8 +99,12 @@ pub(super) fn plan(sampler: &FrameSampler<'_>, seed: u64, error: f32) -> (Plan, 
     let target = f64::from(error).powi(2);
     let mut stats = RenderStats::default();
     let mut tiles = vec![Tile::default(); across * sampler.height.div_ceil(TILE)];
-    let mut open = vec![true; tiles.len()];
-    let mut floor = None;
+    for pixel in 0..sampler.width * sampler.height {
+        let (x, y) = (pixel % sampler.width, pixel / sampler.width);
+        tiles[y / TILE * across + x / TILE].covered |= sampler.covers(pixel);
+    }
+    let mut open: Vec<bool> = tiles.iter().map(|tile| tile.covered).collect();
+    let mut seen = (0.0, 0);
     let mut pilot = FIRST;
     while open.iter().any(|&open| open) {
         let paths = |x: usize, y: usize| {
@@ -109,15 +119,19 @@ pub(super) fn plan(sampler: &FrameSampler<'_>, seed: u64, error: f32) -> (Plan, 
             stats += work;
             pixels
         });
-        // The floor of the relative error, from the first pilot: it sees the whole frame.
-        let floor = *floor.get_or_insert_with(|| 0.1 * mean_of_object(&a, &b));
+        // The floor of the relative error is the first pilot's, which sees the whole frame.
+        if seen.1 == 0 {
+            seen = mean_of_object(&a, &b);
+        }
+        let (floor, few) = (0.1 * seen.0, seen.1 < FEW);
         for (tile, _) in tiles.iter_mut().zip(&open).filter(|(_, open)| **open) {
             *tile = Tile {
+                covered: tile.covered,
                 pilot: f64::from(pilot),
                 ..Tile::default()
             };
         }
-        measure(sampler, &a, &b, floor, &mut tiles, across);
+        measure(sampler, [&a, &b], floor, few, &mut tiles, across);
 
         let mut all = Measured::default();
         let looked_at = tiles.iter().zip(&open).filter(|(_, open)| **open);
@@ -128,8 +142,14 @@ pub(super) fn plan(sampler: &FrameSampler<'_>, seed: u64, error: f32) -> (Plan, 
             }
             let Measured { sums, pixels } = tile.deciding;
             let squared = (sums[0] + sums[1] + PRIOR * all.mean()) / (pixels + PRIOR);
-            tile.share = tile.pilot * (squared / target).powf(1.0 / RATES[0]);
-            *open = pixels > 0.0 && tile.share > REACH * tile.pilot;
+            let times = (squared / target).powf(1.0 / RATES[0]);
+            tile.share = (tile.pilot * times).min(MOST);
+            *open = if pixels > 0.0 {
+                tile.share > REACH * tile.pilot
+            } else {
+                // Something small may stand there that so few paths have missed.
+                tile.covered && pilot < LOOK
+            };
         }
         pilot = pilot.saturating_mul(STEP);
     }
@@ -169,45 +189,50 @@ fn shows_object(a: &Sampled, b: &Sampled) -> bool {
     a.coverage > 0 || b.coverage > 0
 }
 
-/// Mean over object pixels and channels.
-fn mean_of_object(a: &[Sampled], b: &[Sampled]) -> f32 {
-    let (mut sum, mut count) = (0.0, 0.0);
+/// Mean over object pixels and channels, and the number of the pixels.
+fn mean_of_object(a: &[Sampled], b: &[Sampled]) -> (f64, usize) {
+    let (mut sum, mut count) = (0.0, 0);
     for (a, b) in a.iter().zip(b) {
         if shows_object(a, b) {
             sum += f64::from((a.radiance + b.radiance).element_sum()) / 6.0;
-            count += 1.0;
+            count += 1;
         }
     }
-    (sum / f64::max(count, 1.0)) as f32
+    (sum / f64::max(f64::from(count), 1.0), count as usize)
 }
 
-/// Adds the squared relative error of twins, half their squared difference, to their tiles.
+/// Adds the squared relative error of twins, half their squared difference, to their tiles: to the
+/// half that the pixel belongs to, or to both where the object has `few` pixels.
 fn measure(
     sampler: &FrameSampler<'_>,
-    a: &[Sampled],
-    b: &[Sampled],
-    floor: f32,
+    [a, b]: [&[Sampled]; 2],
+    floor: f64,
+    few: bool,
     tiles: &mut [Tile],
     across: usize,
 ) {
-    let floor2 = (floor * floor).max(f32::MIN_POSITIVE);
+    let floor2 = (floor * floor).max(f64::MIN_POSITIVE);
     for (pixel, (a, b)) in a.iter().zip(b).enumerate() {
         if !shows_object(a, b) {
             continue;
         }
         let (x, y) = (pixel % sampler.width, pixel / sampler.width);
         let tile = &mut tiles[y / TILE * across + x / TILE];
-        let half = if (x + y).is_multiple_of(2) {
-            &mut tile.deciding
-        } else {
-            &mut tile.checking
-        };
-        let mean = 0.5 * (a.radiance + b.radiance);
-        let difference = a.radiance - b.radiance;
-        let relative = 0.5 * difference * difference / (mean * mean + Vec3::splat(floor2));
+        let (a, b) = (a.radiance.as_dvec3(), b.radiance.as_dvec3());
+        let mean = 0.5 * (a + b);
+        let relative = 0.5 * (a - b) * (a - b) / (mean * mean + DVec3::splat(floor2));
+        let squared = relative.element_sum() / 3.0;
         let kind = usize::from(sampler.on_silhouette(pixel));
-        half.sums[kind] += f64::from(relative.element_sum()) / 3.0;
-        half.pixels += 1.0;
+        let even = (x + y).is_multiple_of(2);
+        for (half, counts) in [
+            (&mut tile.deciding, few || even),
+            (&mut tile.checking, few || !even),
+        ] {
+            if counts {
+                half.sums[kind] += squared;
+                half.pixels += 1.0;
+            }
+        }
     }
 }
 
