@@ -56,7 +56,7 @@ pub(super) fn run(arguments: &Demo, common: &Common) -> Result<(), Failure> {
     let sampling = Sampling {
         target_error: None,
         no_skip: Vec::new(),
-        spp: 144,
+        spp: 100,
         max_depth: 6,
         seed: 0,
         frames: None,
