@@ -10,7 +10,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use turnlight::render::{FrameSettings, RenderStats, Sampling, Skip, Skips, Stage, render_frame};
+use turnlight::render::{FrameSettings, PathCount, RenderStats, Skip, Skips, Stage, render_frame};
 use turnlight::scene::Scene;
 
 const ROUNDS: usize = 7;
@@ -35,7 +35,7 @@ fn main() {
         let (stage, _) = Stage::load(&Scene::load(&scene).unwrap()).unwrap();
         let frame = |skips: Skips| {
             let settings = FrameSettings {
-                sampling: Sampling::PerPixel(16),
+                paths: PathCount::PerPixel(16),
                 bounces: 3,
                 seed: 1,
                 skips,

@@ -3,24 +3,15 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may stop at once")]
 
+mod command;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use command::{succeeds, text, turnlight};
 use turnlight::image::{RgbImage, write_exr};
-
-/// Runs turnlight to its end.
-fn turnlight(words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_turnlight"))
-        .args(words)
-        .output()
-        .unwrap()
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
 
 /// Every file of the folders that hold results, with its bytes; names relative to `folder`.
 fn results(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
@@ -103,11 +94,6 @@ fn white_furnace_returns_one() {
     assert!(farthest < 0.05, "one pixel is off by {farthest}");
 }
 
-fn expect_success(run: &std::process::Output) {
-    let errors = String::from_utf8_lossy(&run.stderr);
-    assert!(run.status.success(), "{errors}");
-}
-
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
@@ -123,8 +109,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
             "--spp",
             "8",
         ];
-        let run = turnlight(&[&words[..], &["--threads", threads]].concat());
-        expect_success(&run);
+        succeeds(&[&words[..], &["--threads", threads]].concat());
         let fit = at("fit", threads);
         let words = [
             "fit",
@@ -134,8 +119,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
             "--threads",
             threads,
         ];
-        let run = turnlight(&words);
-        expect_success(&run);
+        succeeds(&words);
     }
     for threads in ["2", "5"] {
         assert!(
@@ -317,4 +301,32 @@ fn a_capture_that_shows_nothing_of_the_object_exits_with_1() {
     assert_eq!(run.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&run.stderr).contains("no surface point is seen"));
     assert!(!fit.exists());
+}
+
+#[test]
+fn a_render_never_writes_over_its_own_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = folder.path().join("mesh.ply");
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/meshes/cup.ply");
+    std::fs::copy(&shipped, &mesh).unwrap();
+    let scene = write_scene(folder.path(), "cup.ply", "probes/courtyard.exr", PLASTIC, 1);
+    let written = std::fs::read_to_string(&scene).unwrap();
+    std::fs::write(&scene, written.replace(text(&shipped), "mesh.ply")).unwrap();
+    let before = std::fs::read(&mesh).unwrap();
+    let run = turnlight(&[
+        "render",
+        text(&scene),
+        "--out",
+        text(folder.path()),
+        "--spp",
+        "1",
+    ]);
+    let said = String::from_utf8_lossy(&run.stderr);
+    assert_eq!(run.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("mesh.ply") && said.contains("choose another --out"),
+        "{said}"
+    );
+    assert_eq!(std::fs::read(&mesh).unwrap(), before);
+    assert!(!folder.path().join("probe.exr").exists());
 }

@@ -8,7 +8,7 @@ use super::arguments::{Common, Render, Sampling};
 use super::failure::Failure;
 use super::progress::{bar, note, write_stats};
 use crate::render::{
-    FrameSettings, RenderStats, Sampling as Paths, SequenceSettings, Skips, Stage, render_sequence,
+    FrameSettings, PathCount, RenderStats, SequenceSettings, Skips, Stage, render_sequence,
 };
 use crate::scene::Scene;
 
@@ -34,9 +34,9 @@ pub(super) fn sequence_settings(
     SequenceSettings {
         out: out.to_owned(),
         frame: FrameSettings {
-            sampling: match sampling.target_error {
-                Some(error) => Paths::TargetError(error),
-                None => Paths::PerPixel(sampling.spp),
+            paths: match sampling.target_error {
+                Some(error) => PathCount::TargetError(error),
+                None => PathCount::PerPixel(sampling.spp),
             },
             // Edges of a path: the camera's, one between surfaces, and the light's.
             bounces: sampling.max_depth - 1,

@@ -119,22 +119,12 @@ impl<R: Read + Seek> Layers<R> {
         for (_, header) in layers.flat() {
             let bytes = header.channels.bytes_per_pixel;
             let display = header.shared_attributes.display_window.size;
-            check_size(display.x(), display.y(), bytes, file_bytes, PACKED_MOST)?;
-            check_size(
-                header.layer_size.x(),
-                header.layer_size.y(),
-                bytes,
-                file_bytes,
-                PACKED_MOST,
-            )?;
-            if let ::exr::meta::BlockDescription::Tiles(tiles) = header.blocks {
-                check_size(
-                    tiles.tile_size.x(),
-                    tiles.tile_size.y(),
-                    bytes,
-                    file_bytes,
-                    PACKED_MOST,
-                )?;
+            let tile = match header.blocks {
+                ::exr::meta::BlockDescription::Tiles(tiles) => Some(tiles.tile_size),
+                _ => None,
+            };
+            for size in [display, header.layer_size].into_iter().chain(tile) {
+                check_size(size.x(), size.y(), bytes, file_bytes, PACKED_MOST)?;
             }
         }
         if layers.flat().next().is_none() {

@@ -18,7 +18,7 @@ const ON_SILHOUETTE: u32 = 4;
 
 /// How many paths pixels get; four times as many where the silhouette crosses them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Sampling {
+pub enum PathCount {
     /// The same number everywhere.
     PerPixel(u32),
     /// As many as each part of the frame needs for this relative RMSE: the square root of the mean
@@ -27,7 +27,7 @@ pub enum Sampling {
     TargetError(f32),
 }
 
-impl std::fmt::Display for Sampling {
+impl std::fmt::Display for PathCount {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::PerPixel(paths) => write!(f, "--spp {paths}"),
@@ -40,7 +40,7 @@ impl std::fmt::Display for Sampling {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSettings {
     /// Paths of pixels.
-    pub sampling: Sampling,
+    pub paths: PathCount,
     /// Largest number of surface interactions of a path; 1 is direct light only.
     pub bounces: u32,
     /// Seed of all frames.
@@ -301,13 +301,13 @@ pub fn render_frame(
     let patches = if settings.skips.has(Skip::Explored) {
         &stage.patches
     } else {
-        own_patches = Patches::new(&stage.mesh);
+        own_patches = stage.patches.unexplored();
         &own_patches
     };
     let sampler = FrameSampler::new(stage, patches, number, angle, settings);
-    let (pixels, mut stats) = match settings.sampling {
-        Sampling::PerPixel(paths) => sampler.sample(settings.seed, &|_, _| paths),
-        Sampling::TargetError(error) => {
+    let (pixels, mut stats) = match settings.paths {
+        PathCount::PerPixel(paths) => sampler.sample(settings.seed, &|_, _| paths),
+        PathCount::TargetError(error) => {
             let (plan, pilots) = target_error::plan(&sampler, settings.seed, error);
             let (pixels, mut stats) = sampler.sample(settings.seed, &|x, y| plan.paths(x, y));
             stats += pilots;

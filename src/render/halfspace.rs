@@ -9,14 +9,14 @@ const LEAF: usize = 8;
 const TOLERANCE: f32 = 2e-7;
 
 /// The vertices of a mesh in a tree of boxes.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct VertexTree {
     /// In an order in which every box holds a range.
     vertices: Vec<Vec3>,
     nodes: Vec<Node>,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Node {
     low: Vec3,
     high: Vec3,

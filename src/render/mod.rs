@@ -20,7 +20,7 @@ mod target_error;
 mod weights;
 
 pub use centres::pixel_centres;
-pub use frame::{FrameSettings, RenderedFrame, Sampling, render_frame};
+pub use frame::{FrameSettings, PathCount, RenderedFrame, render_frame};
 pub use sensor::expose;
 pub use sequence::{RenderError, SequenceSettings, render_sequence};
 pub use skips::{Skip, Skips};

@@ -152,6 +152,19 @@ impl Patches {
         }
     }
 
+    /// The same patches, none of them explored.
+    pub(super) fn unexplored(&self) -> Self {
+        Self {
+            spot_of: self.spot_of.clone(),
+            patch_of: self.patch_of.clone(),
+            triangles: self.triangles.clone(),
+            spots: self.spots.clone(),
+            first_spots: self.first_spots.clone(),
+            patches: self.patches.iter().map(|_| OnceLock::new()).collect(),
+            vertices: self.vertices.clone(),
+        }
+    }
+
     /// The numbers of the patch and of the spot of a triangle.
     #[inline]
     pub(super) fn of(&self, triangle: u32) -> (u32, u32) {

@@ -58,6 +58,9 @@ pub enum RenderError {
     /// The folder holds a capture already.
     #[error("{}: holds a capture already; add --resume to finish it, or choose another --out", .0.display())]
     Exists(PathBuf),
+    /// A file that the scene is read from would be written over.
+    #[error("{}: is read by the scene, and --out would write over it; choose another --out", .0.display())]
+    OverInput(PathBuf),
     /// The folder was begun with other settings.
     #[error(
         "{}: was begun with other settings ({key}: {begun} there, {asked} now); \
@@ -90,6 +93,8 @@ struct Provenance {
     scene: String,
     mesh: String,
     probe: String,
+    /// Of all maps of the material together.
+    maps: String,
     sampling: String,
     bounces: u32,
     seed: u64,
@@ -117,7 +122,9 @@ pub fn render_sequence(
     // every thread busy. No more frames are begun than there are threads: memory holds one for each.
     let render = |number: usize| -> Result<RenderStats, RenderError> {
         let image_path = frame_path(&settings.out, "images", number, "exr");
-        if settings.resume && image_path.exists() {
+        let aov_path = frame_path(&settings.out, "aovs", number, "exr");
+        let done = image_path.exists() && (!settings.aovs || aov_path.exists());
+        if settings.resume && done {
             on_frame(number);
             return Ok(RenderStats::default());
         }
@@ -133,9 +140,8 @@ pub fn render_sequence(
             );
         }
         if settings.aovs {
-            let path = frame_path(&settings.out, "aovs", number, "exr");
             let (width, height) = (frame.mask.width, frame.mask.height);
-            write_exr_channels(&path, width, height, &pixel_centres(stage, angle))?;
+            write_exr_channels(&aov_path, width, height, &pixel_centres(stage, angle))?;
         }
         frame
             .mask
@@ -191,12 +197,29 @@ fn write_surroundings(
     };
     let scene_text = in_truth.to_toml(&truth);
 
+    let inputs = [&scene.object.mesh, &scene.probe.image];
+    let inputs = inputs.into_iter().chain(maps.iter().map(|(from, _)| from));
+    let mut written = vec![
+        out.join("mesh.ply"),
+        probe.image.clone(),
+        truth.join("mesh.ply"),
+    ];
+    written.extend(maps.iter().map(|(_, to)| to.clone()));
+    refuse_to_write_over(inputs, &written)?;
+
+    let maps: Vec<(PathBuf, Vec<u8>)> = maps
+        .into_iter()
+        .map(|(from, to)| Ok((to, read(&from)?)))
+        .collect::<Result<_, RenderError>>()?;
+    let map_bytes: Vec<u8> = maps.iter().flat_map(|(_, bytes)| bytes).copied().collect();
+
     let provenance = Provenance {
         turnlight: env!("CARGO_PKG_VERSION").to_owned(),
         scene: digest(scene_text.as_bytes()),
         mesh: digest(&read(&scene.object.mesh)?),
         probe: digest(&read(&scene.probe.image)?),
-        sampling: format!("{}{}", settings.frame.sampling, settings.frame.skips),
+        maps: digest(&map_bytes),
+        sampling: format!("{}{}", settings.frame.paths, settings.frame.skips),
         bounces: settings.frame.bounces,
         seed: settings.frame.seed,
     };
@@ -212,8 +235,8 @@ fn write_surroundings(
     } else {
         write_exr(&probe.image, stage.environment.image())?;
     }
-    for (from, to) in maps {
-        write_bytes(&to, &read(&from)?)?;
+    for (to, bytes) in maps {
+        write_bytes(&to, &bytes)?;
     }
     write_bytes(&truth.join("scene.toml"), scene_text.as_bytes())?;
 
@@ -238,6 +261,22 @@ fn write_surroundings(
     write_bytes(&out.join("capture.toml"), capture.to_toml(out).as_bytes())?;
     let text = toml::to_string(&provenance).unwrap_or_default();
     write_bytes(&out.join("render.toml"), text.as_bytes())
+}
+
+/// Refuses to write a file that is also read, under whatever name.
+fn refuse_to_write_over<'a>(
+    read: impl Iterator<Item = &'a PathBuf>,
+    written: &[PathBuf],
+) -> Result<(), RenderError> {
+    // What cannot be found is not there to be lost.
+    let found = |path: &PathBuf| path.canonicalize().ok();
+    let written: Vec<PathBuf> = written.iter().filter_map(found).collect();
+    for path in read {
+        if found(path).is_some_and(|path| written.contains(&path)) {
+            return Err(RenderError::OverInput(path.clone()));
+        }
+    }
+    Ok(())
 }
 
 /// A mesh that is written in the object frame needs no placing.
@@ -280,6 +319,7 @@ fn check_provenance(
         ("scene", begun.scene, asked.scene.clone()),
         ("mesh", begun.mesh, asked.mesh.clone()),
         ("probe", begun.probe, asked.probe.clone()),
+        ("maps", begun.maps, asked.maps.clone()),
         ("sampling", begun.sampling, asked.sampling.clone()),
         (
             "bounces",

@@ -32,6 +32,8 @@ const RATES: [f64; 2] = [1.08, 1.25];
 const MOST: f64 = (1 << 20) as f64;
 /// Pilots of so many paths look for an object where triangles project onto a tile.
 const LOOK: u32 = 128;
+/// The checking pixels may ask for this many times more or fewer paths than the deciding ones.
+const MOST_SCALED: f64 = 64.0;
 /// Below so many object pixels, all decide and all check.
 const FEW: usize = 400;
 
@@ -83,8 +85,6 @@ impl Measured {
 /// A tile as its last pilot saw it.
 #[derive(Clone, Copy, Default)]
 struct Tile {
-    /// Whether triangles project onto it.
-    covered: bool,
     deciding: Measured,
     checking: Measured,
     /// Paths of that pilot.
@@ -99,11 +99,12 @@ pub(super) fn plan(sampler: &FrameSampler<'_>, seed: u64, error: f32) -> (Plan, 
     let target = f64::from(error).powi(2);
     let mut stats = RenderStats::default();
     let mut tiles = vec![Tile::default(); across * sampler.height.div_ceil(TILE)];
+    // Tiles that the next pilot is to see: at first, those that triangles project onto.
+    let mut open = vec![false; tiles.len()];
     for pixel in 0..sampler.width * sampler.height {
         let (x, y) = (pixel % sampler.width, pixel / sampler.width);
-        tiles[y / TILE * across + x / TILE].covered |= sampler.covers(pixel);
+        open[y / TILE * across + x / TILE] |= sampler.covers(pixel);
     }
-    let mut open: Vec<bool> = tiles.iter().map(|tile| tile.covered).collect();
     let mut seen = (0.0, 0);
     let mut pilot = FIRST;
     while open.iter().any(|&open| open) {
@@ -126,7 +127,6 @@ pub(super) fn plan(sampler: &FrameSampler<'_>, seed: u64, error: f32) -> (Plan, 
         let (floor, few) = (0.1 * seen.0, seen.1 < FEW);
         for (tile, _) in tiles.iter_mut().zip(&open).filter(|(_, open)| **open) {
             *tile = Tile {
-                covered: tile.covered,
                 pilot: f64::from(pilot),
                 ..Tile::default()
             };
@@ -148,7 +148,7 @@ pub(super) fn plan(sampler: &FrameSampler<'_>, seed: u64, error: f32) -> (Plan, 
                 tile.share > REACH * tile.pilot
             } else {
                 // Something small may stand there that so few paths have missed.
-                tile.covered && pilot < LOOK
+                pilot < LOOK
             };
         }
         pilot = pilot.saturating_mul(STEP);
@@ -163,7 +163,7 @@ pub(super) fn plan(sampler: &FrameSampler<'_>, seed: u64, error: f32) -> (Plan, 
         };
         tiles.iter().map(promise).sum::<f64>() / pixels.max(1.0)
     };
-    let (mut low, mut high) = (1.0 / 64.0, 64.0);
+    let (mut low, mut high) = (1.0 / MOST_SCALED, MOST_SCALED);
     for _ in 0..32 {
         let middle = f64::sqrt(low * high);
         if promised(middle) > target {

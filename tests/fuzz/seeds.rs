@@ -372,12 +372,3 @@ pub(crate) fn record() -> Vec<Vec<u8>> {
             .into(),
     ]
 }
-
-/// `render.toml` of an interrupted sequence.
-pub(crate) fn provenance() -> Vec<Vec<u8>> {
-    vec![
-        "turnlight = \"0.1.0\"\nscene = \"0123456789abcdef\"\nmesh = \"0123456789abcdef\"\n\
-         probe = \"0123456789abcdef\"\nsampling = \"--spp 1\"\nbounces = 1\nseed = 0\n"
-            .into(),
-    ]
-}
