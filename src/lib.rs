@@ -30,7 +30,6 @@ pub mod image;
 pub mod mesh;
 pub mod probe;
 pub mod brdf;
-pub mod prefilter;
 pub mod accel;
 pub mod rig;
 pub mod scene;

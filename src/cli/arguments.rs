@@ -130,8 +130,8 @@ pub(super) struct FitChoices {
     /// Rounds of interreflection; 0 takes the object's own light as black.
     #[arg(long, default_value_t = 3)]
     pub(super) interreflections: u32,
-    /// Light nodes per observation: more is slower and closer.
-    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=1 << 20))]
+    /// About how many light nodes an observation gets: more is slower and closer.
+    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=1 << 20))]
     pub(super) light_nodes: u32,
     /// Half-angle, degrees, of the window about the mirror direction (`gradient` only).
     #[arg(long, default_value_t = 90.0)]

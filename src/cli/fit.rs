@@ -13,10 +13,12 @@ use super::failure::Failure;
 use super::progress::{bar, note, write_stats, write_text};
 use crate::accel::Accel;
 use crate::brdf::Ndf;
-use crate::estimate::{Estimate, Estimator, FitSettings, FitStats, SpecularColour, Status, fit};
+use crate::estimate::{
+    Estimate, Estimator, FitSettings, FitStats, FresnelModel, SpecularColour, Status, fit,
+};
 use crate::export::{FitFolder, PointTable};
 use crate::mesh::{Mesh, PointSet, SurfacePoint};
-use crate::probe::LightPyramid;
+use crate::probe::SplitLight;
 use crate::scene::Capture;
 use crate::traces::{CollectSettings, TraceStats, collect};
 
@@ -90,7 +92,7 @@ pub(super) fn fit_capture(
         }
     }
     let accel = Accel::build(&mesh.positions, &mesh.triangles);
-    let pyramid = LightPyramid::new(&environment);
+    let light = SplitLight::new(&environment);
     let points = match choices.points {
         PointsChoice::Vertices => PointSet::vertices(&mesh),
         PointsChoice::Texels(resolution) => PointSet::texels(&mesh, resolution as u32)?,
@@ -143,7 +145,7 @@ pub(super) fn fit_capture(
     let started = Instant::now();
     let points_bar = bar(common, "fitting", traces.traces.len());
     let neighbours = points.neighbours(&mesh);
-    let fitted = fit(&traces, &neighbours, &pyramid, &accel, &settings, &|n| {
+    let fitted = fit(&traces, &neighbours, &light, &accel, &settings, &|n| {
         points_bar.inc(n as u64)
     });
     let estimates = &fitted.estimates;
@@ -159,7 +161,7 @@ pub(super) fn fit_capture(
         table: &table,
         appearance: &fitted.appearance,
         grid: points.grid.as_ref(),
-        eta: settings.eta,
+        eta: choices.fresnel,
     };
     folder.write(out)?;
     let mut status = StatusCounts::default();
@@ -231,7 +233,9 @@ fn settings(choices: &FitChoices) -> FitSettings {
             SpecularName::Neutral => SpecularColour::Neutral,
             SpecularName::Rgb => SpecularColour::Rgb,
         },
-        eta: choices.fresnel,
+        fresnel: FresnelModel::Dielectric {
+            eta: choices.fresnel,
+        },
         light_nodes: choices.light_nodes as usize,
         interreflections: choices.interreflections,
         window: choices.window.to_radians(),

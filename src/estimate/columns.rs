@@ -1,19 +1,33 @@
 //! The forward model at one surface point: diffuse and specular traces for unit albedos.
+//!
+//! ```text
+//! T_d = [ I_sky(n) + Σ visible lamps − ∫ over blocked directions (E_sky − L_ind) (n·ω)+ dω ] / π
+//! T_s = Σ_j Φ_j f_s V_j + Σ_k Φ_k f_s,   j of the light, k of the object's own
+//! ```
+//!
+//! Diffuse reflection has a table of what an open surface gets from the light without its peaks
+//! ([`SplitLight`]), so that only lamps and the blocked solid angle are summed. Specular reflection has
+//! light nodes of its own for every observation, as fine as the lobe needs them.
 
 use glam::{Mat3, Vec3};
 
+use super::fresnel_model::{Basis, FresnelModel};
 use super::interreflection::Glow;
-use super::light_cut::{LightCut, Lobe, to_object};
-use super::lobe_sums::NodeArrays;
+use super::light_cut::{Lobe, LobeCut, Seen, diffuse_cut, to_object};
+use super::lobe_cells::LobeCells;
 use super::visibility::Visibility;
-use crate::brdf::dielectric;
-use crate::probe::{LightNode, LightPyramid};
+use crate::probe::{LightNode, LightPyramid, SplitLight};
 use crate::traces::{Observation, Trace};
 
 /// Number of roughness values at which specular traces are computed.
 pub(super) const ROUGHNESSES: usize = 28;
 /// Ends of the range of roughness: below 0.01 a lobe is narrower than a probe's texels.
 const RANGE: (f32, f32) = (0.01, 1.0);
+
+/// Nodes for the lamps in diffuse reflection.
+const DIFFUSE_LAMPS: usize = 128;
+/// Nodes for all light in diffuse reflection within the paper's window.
+const WINDOW_NODES: usize = 512;
 
 /// Roughness number `k` of the grid, even in the logarithm. Steps of 19 % leave an error of cubic
 /// interpolation of 1.3e-3 of a trace's peak (test
@@ -27,77 +41,162 @@ pub(super) fn roughness(k: usize) -> f32 {
 pub(super) struct Columns {
     /// `T_d`, linear RGB.
     pub(super) diffuse: Vec<Vec3>,
-    /// `T_s`, `[ndf][observation · ROUGHNESSES + k]`, linear RGB.
-    specular: [Vec<Vec3>; 2],
+    /// `T_s`, `[ndf][basis]`, each `[observation · ROUGHNESSES + k]`, linear RGB.
+    specular: [[Vec<Vec3>; 3]; 2],
     /// `[observations]` variance of the normal over the pixel's patch, radian² per axis.
     normal_variance: Vec<f32>,
+    /// Terms of the specular model, by column.
+    bases: &'static [Basis],
 }
 
 /// What a forward model takes into account.
 pub(super) struct ForwardModel<'a> {
-    /// The light's quadtree, world frame.
-    pub(super) pyramid: &'a LightPyramid,
-    /// Nodes for diffuse reflection, world frame.
-    pub(super) diffuse_nodes: Vec<LightNode>,
+    /// The light, world frame.
+    pub(super) light: &'a SplitLight,
     /// `[frames]` rotation of the object.
-    pub(super) world_from_object: &'a [Mat3],
-    /// Fresnel's index.
-    pub(super) eta: f32,
-    /// Budget of light nodes per observation.
-    pub(super) light_nodes: usize,
-    /// Cosine of the largest angle to the mirror direction, if directions are limited (the paper).
-    pub(super) window_cos: Option<f32>,
+    world_from_object: &'a [Mat3],
+    /// Fresnel's terms.
+    fresnel: FresnelModel,
+    /// About how many light nodes an observation gets.
+    light_nodes: usize,
     /// Whether the normals' variance over a pixel widens the lobe.
-    pub(super) footprints: bool,
+    footprints: bool,
+    /// Lamps for diffuse reflection, world frame.
+    lamps: Vec<Arrival>,
+    /// The paper's limit, if there is one.
+    window: Option<Window>,
+}
+
+/// Directions within an angle of the mirror direction, to which the paper limits all integrals.
+struct Window {
+    /// Cosine of the largest angle.
+    cos: f32,
+    /// All light in nodes, world frame.
+    light: Vec<Arrival>,
 }
 
 /// Light at a point from about one direction.
 #[derive(Clone, Copy)]
-pub(super) struct Arrival {
-    /// Towards the light, unit, object frame.
-    pub(super) direction: Vec3,
+struct Arrival {
+    /// Towards the light, unit.
+    direction: Vec3,
     /// Radiance × solid angle, linear RGB.
-    pub(super) flux: Vec3,
+    flux: Vec3,
+    /// Standard deviation of its directions, radians.
+    spread: f32,
+}
+
+/// About `budget` nodes for diffuse reflection.
+fn arrivals(light: &LightPyramid, budget: usize) -> Vec<Arrival> {
+    let node = |index: u32| {
+        let node = &light.nodes()[index as usize];
+        Arrival {
+            direction: node.direction,
+            flux: node.flux,
+            spread: node.spread,
+        }
+    };
+    diffuse_cut(light, budget).into_iter().map(node).collect()
 }
 
 /// Working memory, one a thread.
 #[derive(Default)]
 pub(super) struct Scratch {
-    /// What arrives at a point in one frame, for diffuse reflection.
+    /// What one frame adds to the sky at a point, for diffuse reflection, object frame: lamps, and
+    /// light of the object in the sky's place.
     arriving: Vec<Arrival>,
-    /// Of this, what the object throws.
-    glow: Vec<Arrival>,
-    cut: LightCut,
-    nodes: NodeArrays,
-    sums: [Vec<Vec3>; 2],
+    /// Radiance of every patch that blocks, in that frame.
+    glow: Vec<Vec3>,
+    lobe: LobeScratch,
+}
+
+/// Working memory for lobes.
+#[derive(Default)]
+pub(super) struct LobeScratch {
+    cut: LobeCut,
+    cells: LobeCells,
 }
 
 impl<'a> ForwardModel<'a> {
-    /// Number of static nodes for diffuse reflection. The cosine is smooth: 512 nodes leave 0.1 % in
-    /// the median, 0.3 % in nine of ten (test `default_nodes_reach_their_stated_errors`).
-    pub(super) const DIFFUSE_NODES: usize = 512;
-
-    /// About `budget` nodes that serve every diffuse trace.
-    pub(super) fn diffuse_nodes(pyramid: &LightPyramid, budget: usize) -> Vec<LightNode> {
-        let mut cut = LightCut::default();
-        cut.for_diffuse(pyramid, budget);
-        cut.chosen
-            .iter()
-            .map(|&i| pyramid.nodes()[i as usize])
-            .collect()
+    /// The model of an object turned by `world_from_object[frame]`.
+    pub(super) fn new(
+        light: &'a SplitLight,
+        world_from_object: &'a [Mat3],
+        fresnel: FresnelModel,
+        light_nodes: usize,
+    ) -> Self {
+        Self {
+            light,
+            world_from_object,
+            fresnel,
+            light_nodes,
+            footprints: true,
+            lamps: arrivals(&light.lamps, DIFFUSE_LAMPS),
+            window: None,
+        }
     }
 
-    /// The open diffuse nodes at a point in frame `frame`.
-    fn arriving(&self, frame: usize, visibility: &Visibility, arrivals: &mut Vec<Arrival>) {
+    /// The paper's: pixels are points, and directions lie within `window` radians of the mirror's.
+    pub(super) fn of_the_paper(self, window: f32) -> Self {
+        let window = Window {
+            cos: window.cos(),
+            light: arrivals(&self.light.whole, WINDOW_NODES),
+        };
+        Self {
+            footprints: false,
+            window: Some(window),
+            ..self
+        }
+    }
+
+    /// The same with another number of light nodes.
+    pub(super) fn with_nodes(&self, light_nodes: usize) -> Self {
+        Self::new(
+            self.light,
+            self.world_from_object,
+            self.fresnel,
+            light_nodes,
+        )
+    }
+
+    /// What reaches a point in a frame beside the whole sky, or in the place of parts of it.
+    fn arrive(&self, frame: usize, visibility: &Visibility, scratch: &mut Scratch) {
         let rotation = &self.world_from_object[frame];
-        arrivals.extend(self.diffuse_nodes.iter().filter_map(|node| {
-            let direction = to_object(rotation, node.direction);
-            let open = visibility.open(direction, node.spread);
-            (open > 0.0).then_some(Arrival {
-                direction,
-                flux: node.flux * open,
-            })
-        }));
+        scratch.arriving.clear();
+        scratch
+            .arriving
+            .extend(self.lamps.iter().filter_map(|lamp| {
+                let direction = to_object(rotation, lamp.direction);
+                let open = visibility.open(direction, lamp.spread);
+                (open > 0.0).then_some(Arrival {
+                    direction,
+                    flux: lamp.flux * open,
+                    spread: lamp.spread,
+                })
+            }));
+        for (i, patch) in visibility.blocked().iter().enumerate() {
+            let sky = self.light.sky.radiance(*rotation * patch.direction);
+            let glow = scratch.glow.get(i).copied().unwrap_or_default();
+            scratch.arriving.push(Arrival {
+                direction: patch.direction,
+                flux: (glow - sky) * patch.solid_angle,
+                spread: 0.0,
+            });
+        }
+    }
+
+    /// Irradiance over π of the sky and of what arrives beside it, at a normal in the object frame.
+    fn diffuse(&self, frame: usize, normal: Vec3, arriving: &[Arrival]) -> Vec3 {
+        let sky = self
+            .light
+            .sky_irradiance
+            .at(self.world_from_object[frame] * normal);
+        let beside: Vec3 = arriving
+            .iter()
+            .map(|arrival| arrival.flux * arrival.direction.dot(normal).max(0.0))
+            .sum();
+        // Where all of the sky is blocked, two sums of it cancel but for their errors.
+        (sky + beside).max(Vec3::ZERO) / std::f32::consts::PI
     }
 
     /// Irradiance of the light alone over π at a point of normal `normal` (object frame).
@@ -108,19 +207,9 @@ impl<'a> ForwardModel<'a> {
         visibility: &Visibility,
         scratch: &mut Scratch,
     ) -> Vec3 {
-        scratch.arriving.clear();
-        self.arriving(frame, visibility, &mut scratch.arriving);
-        irradiance(&scratch.arriving, normal, |_| true)
-    }
-
-    /// Light from below the surface itself never arrives; the paper's window may exclude more.
-    #[inline]
-    fn allowed(&self, wi: Vec3, geometric_normal: Vec3, mirror: Option<Vec3>) -> bool {
-        wi.dot(geometric_normal) > 0.0
-            && match (self.window_cos, mirror) {
-                (Some(limit), Some(mirror)) => wi.dot(mirror) > limit,
-                _ => true,
-            }
+        scratch.glow.clear();
+        self.arrive(frame, visibility, scratch);
+        self.diffuse(frame, normal, &scratch.arriving)
     }
 
     /// Fills the traces of a point.
@@ -132,102 +221,156 @@ impl<'a> ForwardModel<'a> {
         scratch: &mut Scratch,
         columns: &mut Columns,
     ) {
-        columns.diffuse.clear();
-        columns.normal_variance.clear();
-        columns.specular.iter_mut().for_each(Vec::clear);
-        let alphas: Vec<f32> = (0..ROUGHNESSES).map(roughness).collect();
-        for frame in trace.observations.chunk_by(|a, b| a.frame == b.frame) {
+        columns.clear(self.fresnel.bases());
+        scratch.lobe.cut.restart();
+        for observations in trace.observations.chunk_by(|a, b| a.frame == b.frame) {
             // What arrives at the point serves all its observations in a frame.
-            let number = frame[0].frame as usize;
+            let frame = observations[0].frame as usize;
             scratch.glow.clear();
             if let Some(glow) = glow {
-                glow.arriving(number, visibility, &mut scratch.glow);
+                glow.radiance(frame, visibility, &mut scratch.glow);
             }
-            scratch.arriving.clear();
-            self.arriving(number, visibility, &mut scratch.arriving);
-            scratch.arriving.extend_from_slice(&scratch.glow);
-            for observation in frame {
-                let (normal, side) = (observation.normal, observation.geometric_normal);
-                let mirror = self.window_cos.map(|_| mirror(observation));
-                columns
-                    .diffuse
-                    .push(irradiance(&scratch.arriving, normal, |wi| {
-                        self.allowed(wi, side, mirror)
-                    }));
+            self.arrive(frame, visibility, scratch);
+            for observation in observations {
+                columns.diffuse.push(match &self.window {
+                    None => self.diffuse(frame, observation.normal, &scratch.arriving),
+                    Some(window) => self.diffuse_within(window, observation),
+                });
                 columns.normal_variance.push(if self.footprints {
                     observation.normal_variance
                 } else {
                     0.0
                 });
-                self.gather(observation, visibility, mirror, scratch);
-                let cos_o = normal.dot(observation.wo);
-                scratch.nodes.sums(&alphas, cos_o, &mut scratch.sums);
-                for (column, sums) in columns.specular.iter_mut().zip(&scratch.sums) {
-                    column.extend_from_slice(sums);
-                }
+                self.specular(observation, visibility, scratch, columns);
             }
         }
     }
 
-    /// Collects the light nodes of one observation.
-    fn gather(
+    /// Irradiance over π within the paper's window, on an open surface.
+    fn diffuse_within(&self, window: &Window, observation: &Observation) -> Vec3 {
+        let rotation = self.world_from_object[observation.frame as usize];
+        let (normal, mirror) = (
+            rotation * observation.normal,
+            rotation * mirror(observation),
+        );
+        let sum: Vec3 = window
+            .light
+            .iter()
+            .filter(|arrival| arrival.direction.dot(mirror) > window.cos)
+            .map(|arrival| arrival.flux * arrival.direction.dot(normal).max(0.0))
+            .sum();
+        sum / std::f32::consts::PI
+    }
+
+    /// Appends the specular traces of one observation.
+    fn specular(
         &self,
         observation: &Observation,
         visibility: &Visibility,
-        mirror: Option<Vec3>,
         scratch: &mut Scratch,
+        columns: &mut Columns,
     ) {
+        // In the world frame, where the light stands still.
         let rotation = &self.world_from_object[observation.frame as usize];
-        let (normal, wo) = (observation.normal, observation.wo);
+        let (normal, wo) = (*rotation * observation.normal, *rotation * observation.wo);
+        let side = *rotation * observation.geometric_normal;
+        let mirror = *rotation * mirror(observation);
+        // Light from below the surface itself never arrives; the paper's window may exclude more.
+        let allowed = |wi: Vec3| {
+            let inside = |window: &Window| wi.dot(mirror) > window.cos;
+            wi.dot(side) > 0.0 && self.window.as_ref().is_none_or(inside)
+        };
+        let open = |node: &LightNode| {
+            if allowed(node.direction) {
+                visibility.open(to_object(rotation, node.direction), node.spread)
+            } else {
+                0.0
+            }
+        };
         let lobe = Lobe {
-            wo: *rotation * wo,
-            normal: *rotation * normal,
+            wo,
+            normal,
             smallest_alpha: 0.5 * RANGE.0,
         };
-        scratch.cut.for_lobe(self.pyramid, self.light_nodes, &lobe);
-        scratch.nodes.clear();
-        let eta = self.eta;
-        let push = |nodes: &mut NodeArrays, wi: Vec3, flux: Vec3| {
+        let scratch_lobe = &mut scratch.lobe;
+        gather(
+            self.light,
+            self.fresnel,
+            self.light_nodes,
+            &lobe,
+            scratch_lobe,
+            open,
+        );
+
+        // The object's own light comes in nodes as they are.
+        for (patch, radiance) in visibility.blocked().iter().zip(&scratch.glow) {
+            let wi = *rotation * patch.direction;
             let cos_i = wi.dot(normal);
-            if cos_i <= 0.0 {
-                return;
-            }
-            let half = wi + wo;
-            let length2 = half.length_squared();
-            let sin2_h = half.cross(normal).length_squared() / length2;
-            let cos_d = wi.dot(half) / length2.sqrt();
-            nodes.push(sin2_h, cos_i, flux * dielectric(cos_d, eta));
-        };
-        for &index in &scratch.cut.chosen {
-            let node = &self.pyramid.nodes()[index as usize];
-            let wi = to_object(rotation, node.direction);
-            if !self.allowed(wi, observation.geometric_normal, mirror) {
+            if *radiance == Vec3::ZERO || cos_i <= 0.0 || !allowed(wi) {
                 continue;
             }
-            let open = visibility.open(wi, node.spread);
-            if open > 0.0 {
-                push(&mut scratch.nodes, wi, node.flux * open);
-            }
+            let half = wi + wo;
+            let length2 = half.length_squared().max(1e-12);
+            let sin2_h = half.cross(normal).length_squared() / length2;
+            let bases = self.fresnel.bases().iter();
+            let cos_d = (0.5 * length2.sqrt()).min(1.0);
+            let reflectances = bases.map(|&basis| self.fresnel.reflectance(basis, cos_d));
+            let flux = *radiance * patch.solid_angle;
+            // Of a square patch, as of a light node.
+            let variance_h = patch.solid_angle / 6.0 * (0.0625 + 0.25 / length2);
+            let half = (sin2_h, variance_h);
+            scratch_lobe.cells.add(half, cos_i, flux, reflectances);
         }
-        for arrival in &scratch.glow {
-            if self.allowed(arrival.direction, observation.geometric_normal, mirror) {
-                push(&mut scratch.nodes, arrival.direction, arrival.flux);
+
+        let cos_o = normal.dot(wo);
+        for basis in 0..self.fresnel.bases().len() {
+            let sums = scratch_lobe.cells.sums(basis, cos_o);
+            for (columns, sums) in columns.specular.iter_mut().zip(&sums) {
+                columns[basis].extend_from_slice(sums);
             }
         }
     }
 }
 
-/// Irradiance over π of what arrives from the directions that are allowed.
-#[inline]
-fn irradiance(arrivals: &[Arrival], normal: Vec3, allowed: impl Fn(Vec3) -> bool) -> Vec3 {
-    let mut sum = Vec3::ZERO;
-    for arrival in arrivals {
-        let cos = arrival.direction.dot(normal);
-        if cos > 0.0 && allowed(arrival.direction) {
-            sum += arrival.flux * cos;
+/// Radiance that an open surface of unit albedo reflects face on, by the first of a model's terms:
+/// `[ndf][roughness]`, linear RGB.
+pub(super) fn open_lobe(
+    light: &SplitLight,
+    fresnel: FresnelModel,
+    light_nodes: usize,
+    normal: Vec3,
+    scratch: &mut LobeScratch,
+) -> [[Vec3; ROUGHNESSES]; 2] {
+    let lobe = Lobe {
+        wo: normal,
+        normal,
+        smallest_alpha: 0.5 * RANGE.0,
+    };
+    scratch.cut.restart();
+    gather(light, fresnel, light_nodes, &lobe, scratch, |_| 1.0);
+    scratch.cells.sums(0, 1.0)
+}
+
+/// Lays the light's nodes into the cells of a lobe, by the share of each that is `open`.
+fn gather(
+    light: &SplitLight,
+    fresnel: FresnelModel,
+    budget: usize,
+    lobe: &Lobe,
+    scratch: &mut LobeScratch,
+    open: impl Fn(&LightNode) -> f32,
+) {
+    let LobeScratch { cut, cells } = scratch;
+    cells.clear(fresnel.bases().len());
+    cut.visit(&light.whole, budget, lobe, |seen: Seen<'_>| {
+        let open = open(seen.node);
+        if open > 0.0 {
+            let bases = fresnel.bases().iter();
+            let reflectances = bases.map(|&basis| fresnel.reflectance(basis, seen.cos_d));
+            let half = (seen.sin2_h, seen.variance_h);
+            cells.add(half, seen.cos_i, seen.node.flux * open, reflectances);
         }
-    }
-    sum / std::f32::consts::PI
+    });
 }
 
 /// The direction that a mirror would reflect to the camera.
@@ -237,8 +380,16 @@ fn mirror(observation: &Observation) -> Vec3 {
 }
 
 impl Columns {
-    /// The specular trace at roughness `exp(ln_alpha)`, and its derivative by `ln_alpha`, one pair
-    /// an observation.
+    /// Ready for another point.
+    fn clear(&mut self, bases: &'static [Basis]) {
+        self.diffuse.clear();
+        self.normal_variance.clear();
+        self.specular.iter_mut().flatten().for_each(Vec::clear);
+        self.bases = bases;
+    }
+
+    /// A term of the specular trace at roughness `exp(ln_alpha)`, and its derivative by `ln_alpha`, one
+    /// pair an observation. A term that was not modelled is zero.
     ///
     /// A pixel's patch whose normals vary by `σ²` per axis shows the lobe of roughness
     /// `√(alpha² + 2σ²)` (slope variances add; Tokuyoshi and Kaplanyan 2019). Between the grid's
@@ -246,9 +397,14 @@ impl Columns {
     pub(super) fn specular(
         &self,
         ndf: usize,
+        basis: Basis,
         ln_alpha: f32,
         mut visit: impl FnMut(usize, Vec3, Vec3),
     ) {
+        let Some(column) = self.bases.iter().position(|b| *b == basis) else {
+            (0..self.diffuse.len()).for_each(|i| visit(i, Vec3::ZERO, Vec3::ZERO));
+            return;
+        };
         let alpha2 = (2.0 * ln_alpha).exp();
         let step = (RANGE.1 / RANGE.0).ln() / (ROUGHNESSES - 1) as f32;
         for (i, &variance) in self.normal_variance.iter().enumerate() {
@@ -260,7 +416,7 @@ impl Columns {
             let slope = if x == place { slope } else { 0.0 };
             let k = (x as usize).clamp(1, ROUGHNESSES - 3);
             let t = x - k as f32;
-            let samples = &self.specular[ndf][i * ROUGHNESSES + k - 1..][..4];
+            let samples = &self.specular[ndf][column][i * ROUGHNESSES + k - 1..][..4];
             // Lagrange's cubic through the four neighbours at −1, 0, 1, 2.
             let (a, b, c, d) = (t + 1.0, t, t - 1.0, t - 2.0);
             let weights = [

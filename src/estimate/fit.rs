@@ -12,7 +12,7 @@ use super::visibility::Visibility;
 use super::{Estimate, Estimator, FitSettings, Status, appearance, full, gradient, ndf_choice};
 use crate::accel::Accel;
 use crate::brdf::Appearance;
-use crate::probe::LightPyramid;
+use crate::probe::SplitLight;
 use crate::traces::{Trace, TraceSet};
 
 /// Points whose residuals measure the noise.
@@ -52,20 +52,18 @@ pub struct Fit {
 pub fn fit(
     traces: &TraceSet,
     neighbours: &[Vec<u32>],
-    pyramid: &LightPyramid,
+    light: &SplitLight,
     accel: &Accel,
     settings: &FitSettings,
     on_points: &(dyn Fn(usize) + Sync),
 ) -> Fit {
     let paper = settings.estimator == Estimator::Gradient;
-    let model = ForwardModel {
-        pyramid,
-        diffuse_nodes: ForwardModel::diffuse_nodes(pyramid, ForwardModel::DIFFUSE_NODES),
-        world_from_object: &traces.world_from_object,
-        eta: settings.eta,
-        light_nodes: settings.light_nodes,
-        window_cos: paper.then(|| settings.window.cos()),
-        footprints: !paper,
+    let rotations = &traces.world_from_object;
+    let model = ForwardModel::new(light, rotations, settings.fresnel, settings.light_nodes);
+    let model = if paper {
+        model.of_the_paper(settings.window)
+    } else {
+        model
     };
     let stats = FitStats {
         points: traces.traces.len() as u64,
@@ -159,13 +157,9 @@ fn fit_in_full(
 
     // A first fit by one observation a frame and a quarter of the light nodes, in rounds: it predicts
     // the object's own light, for which errors of some per cent do not matter.
-    let coarse = ForwardModel {
-        light_nodes: model.light_nodes / 4,
-        diffuse_nodes: model.diffuse_nodes.clone(),
-        ..*model
-    };
+    let coarse = model.with_nodes(settings.light_nodes / 4);
     let own_light = any_concave && settings.interreflections > 0;
-    let gloss = own_light.then(|| Gloss::new(model.pyramid, settings.eta));
+    let gloss = own_light.then(|| Gloss::new(model.light, settings.fresnel));
     let normals: Vec<Vec3> = traces.traces.iter().map(|t| t.point.normal).collect();
     let direct = if own_light {
         irradiance(model, traces, &visibilities)

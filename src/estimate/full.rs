@@ -4,6 +4,7 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::appearance::is_precise;
 use super::columns::{Columns, ROUGHNESSES, roughness};
+use super::fresnel_model::Basis;
 use super::least_squares::{Normal, UNKNOWNS, inverse_diagonal};
 use super::noise::{NU, NoiseModel, deviation};
 use super::{Estimate, FitSettings, SpecularColour, Status};
@@ -83,6 +84,7 @@ pub(super) fn residuals(trace: &Trace, columns: &Columns, estimate: &Estimate) -
     let mut residuals = Vec::with_capacity(observations);
     columns.specular(
         estimate.ndf as usize,
+        Basis::Dielectric,
         estimate.alpha.ln(),
         |i, specular, _| {
             let observation = &trace.observations[i];
@@ -111,16 +113,19 @@ pub(super) fn diffuse_beside(
             size: 3,
             ..Normal::default()
         };
-        problem
-            .columns
-            .specular(ndf as usize, alpha.ln(), |i, specular, _| {
+        problem.columns.specular(
+            ndf as usize,
+            Basis::Dielectric,
+            alpha.ln(),
+            |i, specular, _| {
                 let rest = problem.observed(i) - (rho_s * specular).as_dvec3();
                 normal.add_diffuse(
                     &(problem.precisions[i].0 * weights[i]),
                     problem.diffuse(i),
                     rest,
                 );
-            });
+            },
+        );
         if normal.yy == 0.0 {
             return None;
         }
@@ -225,8 +230,11 @@ impl<'a> Problem<'a> {
         weights: &[f64],
     ) -> ([f64; UNKNOWNS], f64) {
         let mut normal = *fixed;
-        self.columns
-            .specular(ndf as usize, ln_alpha, |i, specular, _| {
+        self.columns.specular(
+            ndf as usize,
+            Basis::Dielectric,
+            ln_alpha,
+            |i, specular, _| {
                 let p = self.precisions[i].0 * weights[i];
                 let (diffuse, specular, observed) =
                     (self.diffuse(i), specular.as_dvec3(), self.observed(i));
@@ -234,7 +242,8 @@ impl<'a> Problem<'a> {
                     SpecularColour::Neutral => normal.add_neutral(&p, diffuse, specular, observed),
                     SpecularColour::Rgb => normal.add_coloured(&p, diffuse, specular, observed),
                 }
-            });
+            },
+        );
         normal.solve()
     }
 
@@ -276,11 +285,15 @@ impl<'a> Problem<'a> {
     /// `[observations]` squared distances `rᵀ P r` of the residuals.
     fn squares(&self, ndf: Ndf, ln_alpha: f32, rho_d: DVec3, rho_s: DVec3) -> Vec<f64> {
         let mut squares = Vec::with_capacity(self.precisions.len());
-        self.columns
-            .specular(ndf as usize, ln_alpha, |i, specular, _| {
+        self.columns.specular(
+            ndf as usize,
+            Basis::Dielectric,
+            ln_alpha,
+            |i, specular, _| {
                 let r = self.observed(i) - rho_d * self.diffuse(i) - rho_s * specular.as_dvec3();
                 squares.push(r.dot(self.precisions[i].0 * r));
-            });
+            },
+        );
         squares
     }
 
@@ -357,6 +370,7 @@ impl<'a> Problem<'a> {
         let mut information = vec![vec![0.0; size]; size];
         self.columns.specular(
             minimum.ndf as usize,
+            Basis::Dielectric,
             minimum.ln_alpha,
             |i, specular, slope| {
                 let (diffuse, specular) = (self.diffuse(i), specular.as_dvec3());
@@ -392,8 +406,11 @@ impl<'a> Problem<'a> {
     /// Root-mean-square residual over the root-mean-square observation, channels in use.
     fn relative_residual(&self, minimum: &Minimum) -> f32 {
         let (mut squares, mut total) = (0.0, 0.0);
-        self.columns
-            .specular(minimum.ndf as usize, minimum.ln_alpha, |i, specular, _| {
+        self.columns.specular(
+            minimum.ndf as usize,
+            Basis::Dielectric,
+            minimum.ln_alpha,
+            |i, specular, _| {
                 let observed = self.observed(i);
                 let predicted =
                     minimum.rho_d * self.diffuse(i) + minimum.rho_s * specular.as_dvec3();
@@ -403,7 +420,8 @@ impl<'a> Problem<'a> {
                         total += observed[c].powi(2);
                     }
                 }
-            });
+            },
+        );
         if total > 0.0 {
             (squares / total).sqrt() as f32
         } else {

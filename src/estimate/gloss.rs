@@ -8,20 +8,21 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::light_cut::{LightCut, Lobe};
-use super::lobe_sums::NodeArrays;
-use crate::brdf::{Alpha, Ndf, dielectric};
+use super::columns::{self, open_lobe};
+use super::fresnel_model::FresnelModel;
+use crate::brdf::{Alpha, Ndf};
 use crate::geometry::{Local, direction_from_octahedral, octahedral_from_direction};
-use crate::probe::LightPyramid;
+use crate::probe::SplitLight;
 use crate::sampling::SobolPath;
 
 /// Cells across the octahedral map of mirror directions: 3.7° apart, below the width of the
 /// narrowest lobe.
 const CELLS: usize = 48;
-/// Roughnesses of the tables, even in the logarithm.
-pub(super) const ROUGHNESSES: usize = 8;
-/// The narrowest: what is reflected is seen in patches 5.6° wide anyway.
-const SMALLEST_ALPHA: f32 = 0.05;
+/// Roughnesses of the tables: every third of the fit's, up to the widest.
+pub(super) const ROUGHNESSES: usize = 7;
+/// Step between them in the fit's grid. The narrowest is 0.046: what is reflected is seen in patches
+/// 5.6° wide anyway.
+const STEP: usize = 3;
 /// View angles of the albedo table, even in the cosine.
 pub(super) const COSINES: usize = 16;
 /// Light nodes a cell.
@@ -37,75 +38,56 @@ pub(super) struct Gloss {
     albedo: [Vec<f32>; 2],
 }
 
+/// Number in the fit's grid of roughness `k`.
+fn number(k: usize) -> usize {
+    columns::ROUGHNESSES - 1 - STEP * (ROUGHNESSES - 1 - k)
+}
+
+/// Roughness `k` of the tables.
 pub(super) fn roughness(k: usize) -> f32 {
-    SMALLEST_ALPHA.powf(1.0 - k as f32 / (ROUGHNESSES - 1) as f32)
+    columns::roughness(number(k))
 }
 
 impl Gloss {
-    /// Tables for a light and an index of refraction.
-    pub(super) fn new(pyramid: &LightPyramid, eta: f32) -> Self {
+    /// Tables for a light and the first of a model's Fresnel terms.
+    pub(super) fn new(light: &SplitLight, fresnel: FresnelModel) -> Self {
+        let reflectance = |cos_d: f32| fresnel.reflectance(fresnel.bases()[0], cos_d);
+        let albedo_at = |ndf: Ndf, k: usize, cos: f32| {
+            directional_albedo(ndf, Alpha::saturating(roughness(k)), reflectance, cos)
+        };
         let albedo = Ndf::ALL.map(|ndf| {
             let entries = (0..ROUGHNESSES).flat_map(|k| (0..COSINES).map(move |c| (k, c)));
             entries
-                .map(|(k, c)| {
-                    let cos = (c as f32 + 0.5) / COSINES as f32;
-                    directional_albedo(ndf, Alpha::saturating(roughness(k)), eta, cos)
-                })
+                .map(|(k, c)| albedo_at(ndf, k, (c as f32 + 0.5) / COSINES as f32))
                 .collect()
         });
-        let alphas: Vec<f32> = (0..ROUGHNESSES).map(roughness).collect();
-        // [cell][ndf][roughness]
-        let cells: Vec<[Vec<Vec3>; 2]> = (0..CELLS * CELLS)
+        // [cell][ndf][roughness of the fit]
+        let cells: Vec<[[Vec3; columns::ROUGHNESSES]; 2]> = (0..CELLS * CELLS)
             .into_par_iter()
-            .map_init(
-                || (LightCut::default(), NodeArrays::default()),
-                |(cut, nodes), cell| {
-                    let place = Vec2::new((cell % CELLS) as f32 + 0.5, (cell / CELLS) as f32 + 0.5);
-                    let mirror = direction_from_octahedral(place / CELLS as f32);
-                    let lobe = Lobe {
-                        wo: mirror,
-                        normal: mirror,
-                        smallest_alpha: SMALLEST_ALPHA,
-                    };
-                    cut.for_lobe(pyramid, LIGHT_NODES, &lobe);
-                    nodes.clear();
-                    for &index in &cut.chosen {
-                        let node = &pyramid.nodes()[index as usize];
-                        let cos_i = node.direction.dot(mirror);
-                        if cos_i > 0.0 {
-                            // Seen face on, the half vector is half as far away as the light.
-                            let cos_d = (0.5 * (1.0 + cos_i)).sqrt();
-                            let flux = node.flux * dielectric(cos_d, eta);
-                            nodes.push(0.5 * (1.0 - cos_i), cos_i, flux);
-                        }
-                    }
-                    let mut sums = [Vec::new(), Vec::new()];
-                    nodes.sums(&alphas, 1.0, &mut sums);
-                    sums
-                },
-            )
+            .map_init(columns::LobeScratch::default, |scratch, cell| {
+                let place = Vec2::new((cell % CELLS) as f32 + 0.5, (cell / CELLS) as f32 + 0.5);
+                let mirror = direction_from_octahedral(place / CELLS as f32);
+                open_lobe(light, fresnel, LIGHT_NODES, mirror, scratch)
+            })
             .collect();
-        let light = [0, 1].map(|ndf| {
-            let entries = (0..ROUGHNESSES).flat_map(|k| cells.iter().map(move |cell| (k, cell)));
-            entries
-                .map(|(k, cell)| {
-                    let face_on = directional_albedo(
-                        Ndf::ALL[ndf],
-                        Alpha::saturating(roughness(k)),
-                        eta,
-                        1.0,
-                    );
-                    cell[ndf][k] / face_on
-                })
-                .collect()
-        });
-        Self { light, albedo }
+        let map = |ndf: Ndf| {
+            let entries = (0..ROUGHNESSES).flat_map(|k| {
+                let face_on = albedo_at(ndf, k, 1.0);
+                let cells = cells.iter();
+                cells.map(move |cell| cell[ndf as usize][number(k)] / face_on)
+            });
+            entries.collect()
+        };
+        Self {
+            light: Ndf::ALL.map(map),
+            albedo,
+        }
     }
 
     /// Where a roughness lies in the tables.
     pub(super) fn place(alpha: f32) -> f32 {
-        let x = (1.0 - alpha.ln() / SMALLEST_ALPHA.ln()) * (ROUGHNESSES - 1) as f32;
-        x.clamp(0.0, (ROUGHNESSES - 1) as f32)
+        let step = (roughness(1) / roughness(0)).ln();
+        ((alpha / roughness(0)).ln() / step).clamp(0.0, (ROUGHNESSES - 1) as f32)
     }
 
     /// Radiance that a surface of unit `rho_s` and of a roughness at `place` reflects of unoccluded
@@ -137,17 +119,22 @@ impl Gloss {
 }
 
 /// `∫ f_s cos θ_i dω_i` for unit `rho_s`, over visible normals: the mean of `F G1(wi)`.
-pub(super) fn directional_albedo(ndf: Ndf, alpha: Alpha, eta: f32, cos_o: f32) -> f32 {
+pub(super) fn directional_albedo(
+    ndf: Ndf,
+    alpha: Alpha,
+    reflectance: impl Fn(f32) -> f32,
+    cos_o: f32,
+) -> f32 {
     let wo = Local(Vec3::new((1.0 - cos_o * cos_o).max(0.0).sqrt(), 0.0, cos_o));
     let sample = |index: u32| {
         let [u, v, ..] = SobolPath::new(0, 0, 0, index).next_4d();
         let wm = ndf.sample_visible(wo, alpha, Vec2::new(u, v));
         let cos_d = wo.0.dot(wm.0);
         let wi = 2.0 * cos_d * wm.0 - wo.0;
-        if wi.z <= 0.0 || cos_d <= 0.0 {
+        if wi.z <= 0.0 {
             return 0.0;
         }
-        dielectric(cos_d, eta) * ndf.masking_exact(Local(wi), alpha)
+        reflectance(cos_d) * ndf.masking_exact(Local(wi), alpha)
     };
     (0..ALBEDO_SAMPLES).map(sample).sum::<f32>() / ALBEDO_SAMPLES as f32
 }

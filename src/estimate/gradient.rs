@@ -12,6 +12,7 @@
 use glam::{DMat3, DVec3, Vec3};
 
 use super::columns::Columns;
+use super::fresnel_model::Basis;
 use super::full::minimise_over_alpha;
 use super::least_squares::Normal;
 use super::{Estimate, FitSettings, Status};
@@ -34,7 +35,9 @@ pub(super) fn estimate(trace: &Trace, columns: &Columns, settings: &FitSettings)
     // Step 1: the lobe whose gradient, scaled, is nearest to the observed gradient.
     let residual = |ndf: Ndf, ln_alpha: f32| {
         let mut specular = vec![Vec3::ZERO; trace.observations.len()];
-        columns.specular(ndf as usize, ln_alpha, |i, value, _| specular[i] = value);
+        columns.specular(ndf as usize, Basis::Dielectric, ln_alpha, |i, value, _| {
+            specular[i] = value
+        });
         let (mut ss, mut st, mut tt) = (0.0, 0.0, 0.0);
         for &i in &neighbours {
             let modelled = (specular[i] - specular[i - 1]).as_dvec3();
@@ -68,12 +71,17 @@ pub(super) fn estimate(trace: &Trace, columns: &Columns, settings: &FitSettings)
         size: 4,
         ..Normal::default()
     };
-    columns.specular(ndf as usize, ln_alpha, |i, specular, _| {
-        let observed = trace.observations[i].radiance.as_dvec3();
-        let (diffuse, specular) = (columns.diffuse[i].as_dvec3(), specular.as_dvec3());
-        normal.add_diffuse(&DMat3::IDENTITY, diffuse, observed);
-        normal.add_neutral(&DMat3::IDENTITY, diffuse, specular, observed);
-    });
+    columns.specular(
+        ndf as usize,
+        Basis::Dielectric,
+        ln_alpha,
+        |i, specular, _| {
+            let observed = trace.observations[i].radiance.as_dvec3();
+            let (diffuse, specular) = (columns.diffuse[i].as_dvec3(), specular.as_dvec3());
+            normal.add_diffuse(&DMat3::IDENTITY, diffuse, observed);
+            normal.add_neutral(&DMat3::IDENTITY, diffuse, specular, observed);
+        },
+    );
     let (x, objective) = normal.solve();
     let (low, high) = Columns::ln_range();
     let at_bound = ln_alpha - low < 1e-3 || high - ln_alpha < 1e-3;

@@ -10,7 +10,6 @@ use glam::{BVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::Estimate;
-use super::columns::Arrival;
 use super::gloss::Gloss;
 use super::visibility::{BlockedPatch, Visibility};
 use crate::brdf::Ndf;
@@ -134,21 +133,18 @@ impl<'a> Glow<'a> {
         glow
     }
 
-    /// The flux that a point gets from every blocked patch in `frame`.
-    pub(super) fn arriving(
-        &self,
-        frame: usize,
-        visibility: &Visibility,
-        arrivals: &mut Vec<Arrival>,
-    ) {
-        arrivals.extend(visibility.blocked().iter().map(|patch| Arrival {
-            direction: patch.direction,
-            flux: (self.diffuse(frame, patch) + self.specular(frame, patch)) * patch.solid_angle,
-        }));
+    /// Adds the radiance of every patch that blocks a point's view in `frame`, linear RGB.
+    pub(super) fn radiance(&self, frame: usize, visibility: &Visibility, radiance: &mut Vec<Vec3>) {
+        let patches = visibility.blocked().iter();
+        radiance
+            .extend(patches.map(|patch| self.diffuse(frame, patch) + self.specular(frame, patch)));
     }
 
     /// Diffusely reflected radiance of a patch, between the points at its triangle's corners.
     fn diffuse(&self, frame: usize, patch: &BlockedPatch) -> Vec3 {
+        if patch.is_black {
+            return Vec3::ZERO;
+        }
         let points = self.materials.len();
         let radiance = &self.diffuse[frame * points..][..points];
         let corners = self.scene.points_of_triangle[patch.triangle as usize];
@@ -163,7 +159,7 @@ impl<'a> Glow<'a> {
         let material = &self.materials[point];
         let wo = -patch.direction;
         let cos_o = wo.dot(patch.normal);
-        if cos_o <= 0.0 || material.rho_s == Vec3::ZERO {
+        if patch.is_black || cos_o <= 0.0 || material.rho_s == Vec3::ZERO {
             return Vec3::ZERO;
         }
         let mirror = 2.0 * cos_o * patch.normal - wo;

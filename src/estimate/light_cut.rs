@@ -2,25 +2,16 @@
 //!
 //! A node of the light's quadtree stands for its patch with an error of second order in its
 //! spread `r`: about `Φ r² |f''|`. The lobe at half-vector angle `δ` from the normal, whatever its
-//! roughness, obeys `D ≲ 1/δ²`, hence `|f''| ≲ 1/δ⁴`. The node with the largest `Φ r²/(δ² + α²)²`
-//! is split until the budget is spent: small bright lights and the neighbourhood of the mirror
-//! direction are resolved, everything else is summed up. The nodes serve every roughness and both
-//! NDFs, so the sums are smooth in alpha.
+//! roughness, obeys `D ≲ 1/δ²`, hence `|f''| ≲ 1/δ⁴`. Nodes whose `Φ r²/(δ² + α²)²` is above a threshold
+//! are split: small bright lights and the neighbourhood of the mirror direction are resolved, everything
+//! else is summed up. The nodes serve every roughness and both NDFs, so the sums are smooth in alpha.
 
 use glam::{Mat3, Vec3};
 
-use crate::probe::LightPyramid;
+use crate::probe::{LightNode, LightPyramid};
 
-/// Working memory of the refinement, kept between calls.
-#[derive(Default)]
-pub(super) struct LightCut {
-    /// Nodes that wait to be split, by the binary exponent of their priority.
-    buckets: Vec<Vec<u32>>,
-    /// The cut: indices of nodes that stand for their patches.
-    pub(super) chosen: Vec<u32>,
-}
-
-/// What a priority is made for.
+/// What a cut is made for.
+#[derive(Clone, Copy)]
 pub(super) struct Lobe {
     /// To the camera, unit, world frame.
     pub(super) wo: Vec3,
@@ -30,101 +21,135 @@ pub(super) struct Lobe {
     pub(super) smallest_alpha: f32,
 }
 
-impl Lobe {
-    /// Priority of a patch; `None` where it lies below the horizon.
-    #[inline]
-    fn priority(&self, direction: Vec3, flux: f32, spread: f32) -> Option<f32> {
-        let cos_i = direction.dot(self.normal);
-        if cos_i < -2.0 * spread {
-            return None;
+/// A light node as a lobe sees it.
+pub(super) struct Seen<'n> {
+    pub(super) node: &'n LightNode,
+    /// Cosine of its angle to the normal.
+    pub(super) cos_i: f32,
+    /// Squared sine of the half vector's angle to the normal.
+    pub(super) sin2_h: f32,
+    /// Cosine between half vector and light.
+    pub(super) cos_d: f32,
+    /// Variance of the half vectors of the node's light, radian² per axis.
+    pub(super) variance_h: f32,
+}
+
+/// A cut through the light's quadtree for one lobe after the other.
+pub(super) struct LobeCut {
+    /// Error above which a node is split.
+    threshold: f32,
+    waiting: Vec<u32>,
+}
+
+/// Rounds in which the first cut's threshold is found.
+const FIRST_ROUNDS: usize = 6;
+
+impl Default for LobeCut {
+    fn default() -> Self {
+        Self {
+            threshold: 0.0,
+            waiting: Vec::new(),
         }
-        let half = direction + self.wo;
-        let length2 = half.length_squared();
-        let along = half.dot(self.normal);
-        // sin² of the half vector's angle, and the patch's spread seen in half vectors: halved
-        // face on, and more where the half vector turns faster than the light.
-        let sin2 = (1.0 - along * along / length2).max(0.0);
-        let half_spread2 = spread * spread / length2;
-        let scale2 = sin2 + half_spread2 + self.smallest_alpha * self.smallest_alpha;
-        Some(flux * half_spread2 / (scale2 * scale2))
     }
 }
 
-impl LightCut {
-    /// A cut of about `budget` nodes: the patch of the highest priority, asked for by direction (world
-    /// frame), flux and spread, is split first; one without a priority is dropped.
-    fn refine(
+impl LobeCut {
+    /// Forgets the threshold: the next cut finds its own.
+    pub(super) fn restart(&mut self) {
+        self.threshold = 0.0;
+    }
+
+    /// Visits the nodes above the horizon of a cut of about `budget` nodes.
+    ///
+    /// The threshold follows the counts: nodes go with its inverse square root, and the next lobe of a
+    /// point is much like the last.
+    pub(super) fn visit<'n>(
         &mut self,
-        pyramid: &LightPyramid,
+        pyramid: &'n LightPyramid,
         budget: usize,
-        priority: impl Fn(Vec3, f32, f32) -> Option<f32>,
+        lobe: &Lobe,
+        mut each: impl FnMut(Seen<'n>),
     ) {
-        self.chosen.clear();
-        self.buckets.resize_with(256, Vec::new);
-        self.buckets.iter_mut().for_each(Vec::clear);
+        if self.threshold == 0.0 {
+            let flux = pyramid
+                .roots()
+                .map(|i| pyramid.nodes()[i].flux.element_sum());
+            self.threshold = flux.sum::<f32>() / (budget * budget) as f32;
+            for _ in 0..FIRST_ROUNDS {
+                let mut count = 0;
+                self.walk(pyramid, lobe, |_| count += 1);
+                self.follow(count, budget);
+            }
+        }
+        let mut count = 0;
+        self.walk(pyramid, lobe, |seen| {
+            count += 1;
+            each(seen);
+        });
+        self.follow(count, budget);
+    }
+
+    fn follow(&mut self, count: usize, budget: usize) {
+        let ratio = count as f32 / budget as f32;
+        self.threshold *= (ratio * ratio).clamp(0.05, 20.0);
+    }
+
+    #[inline]
+    fn walk<'n>(&mut self, pyramid: &'n LightPyramid, lobe: &Lobe, mut each: impl FnMut(Seen<'n>)) {
         let nodes = pyramid.nodes();
-        let mut waiting = 0;
-        let mut highest = 0;
-        // A patch either waits to be split, or is a texel and stands as it is, or is dropped.
-        let enter = |index: usize,
-                     buckets: &mut Vec<Vec<u32>>,
-                     chosen: &mut Vec<u32>,
-                     highest: &mut usize|
-         -> usize {
-            let node = &nodes[index];
-            match priority(node.direction, node.flux.element_sum(), node.spread) {
-                None => 0,
-                Some(_) if node.children == 0 => {
-                    chosen.push(index as u32);
-                    0
-                }
-                Some(p) => {
-                    let bucket = (p.to_bits() >> 23) as usize & 0xff;
-                    buckets[bucket].push(index as u32);
-                    *highest = (*highest).max(bucket);
-                    1
-                }
-            }
-        };
-        for root in pyramid.roots() {
-            waiting += enter(root, &mut self.buckets, &mut self.chosen, &mut highest);
-        }
-        while waiting > 0 && self.chosen.len() + waiting < budget {
-            while self.buckets[highest].is_empty() {
-                highest -= 1;
-            }
-            let Some(index) = self.buckets[highest].pop() else {
-                break;
-            };
-            waiting -= 1;
+        self.waiting.clear();
+        self.waiting.extend(pyramid.roots().map(|root| root as u32));
+        while let Some(index) = self.waiting.pop() {
             let node = &nodes[index as usize];
-            for child in node.first_child..node.first_child + node.children {
-                waiting += enter(
-                    child as usize,
-                    &mut self.buckets,
-                    &mut self.chosen,
-                    &mut highest,
-                );
+            let cos_i = node.direction.dot(lobe.normal);
+            if cos_i < -2.0 * node.spread {
+                continue;
+            }
+            let half = node.direction + lobe.wo;
+            let length2 = half.length_squared().max(1e-12);
+            // The cross product: 1 − cos² cancels in narrow lobes.
+            let sin2_h = half.cross(lobe.normal).length_squared() / length2;
+            // The patch's spread seen in half vectors: halved face on, and more where the half vector
+            // turns faster than the light.
+            let half_spread2 = node.spread * node.spread / length2;
+            let scale2 = sin2_h + half_spread2 + lobe.smallest_alpha * lobe.smallest_alpha;
+            let error = node.flux.element_sum() * half_spread2 / (scale2 * scale2);
+            if node.children > 0 && error > self.threshold {
+                self.waiting
+                    .extend(node.first_child..node.first_child + node.children);
+            } else if cos_i > 0.0 {
+                each(Seen {
+                    node,
+                    cos_i,
+                    sin2_h,
+                    cos_d: (0.5 * length2.sqrt()).min(1.0),
+                    // Half of the light's in the plane of incidence, 1/(2 cos) of it across: the mean.
+                    variance_h: node.spread * node.spread * (0.0625 + 0.25 / length2),
+                });
             }
         }
-        for bucket in &mut self.buckets {
-            self.chosen.append(bucket);
-        }
     }
+}
 
-    /// The cut for a specular lobe.
-    pub(super) fn for_lobe(&mut self, pyramid: &LightPyramid, budget: usize, lobe: &Lobe) {
-        self.refine(pyramid, budget, |direction, flux, spread| {
-            lobe.priority(direction, flux, spread)
-        });
+/// About `budget` nodes that serve diffuse reflection from any normal, by index: those with the largest
+/// `Φ r²` are split.
+pub(super) fn diffuse_cut(pyramid: &LightPyramid, budget: usize) -> Vec<u32> {
+    let nodes = pyramid.nodes();
+    let error = |index: u32| {
+        let node = &nodes[index as usize];
+        node.flux.element_sum() * node.spread * node.spread
+    };
+    let mut cut: Vec<u32> = pyramid.roots().map(|root| root as u32).collect();
+    while cut.len() < budget {
+        let splittable = (0..cut.len()).filter(|&i| nodes[cut[i] as usize].children > 0);
+        let Some(worst) = splittable.max_by(|&a, &b| error(cut[a]).total_cmp(&error(cut[b])))
+        else {
+            break;
+        };
+        let node = &nodes[cut.swap_remove(worst) as usize];
+        cut.extend(node.first_child..node.first_child + node.children);
     }
-
-    /// The cut for diffuse reflection from any normal.
-    pub(super) fn for_diffuse(&mut self, pyramid: &LightPyramid, budget: usize) {
-        self.refine(pyramid, budget, |_, flux, spread| {
-            Some(flux * spread * spread)
-        });
-    }
+    cut
 }
 
 /// Directions of the world in the object frame.

@@ -32,6 +32,8 @@ pub(super) struct BlockedPatch {
     pub(super) barycentric: Vec2,
     /// Shading normal there, unit, object frame.
     pub(super) normal: Vec3,
+    /// Whether it is the back of a surface, which reflects nothing.
+    pub(super) is_black: bool,
 }
 
 /// The directions from which light reaches a surface point.
@@ -42,11 +44,13 @@ pub(super) enum Visibility {
     Partial {
         /// `LEVELS[i]²` open share of each cell in 255ths; cells below the horizon count as open.
         open: Box<[Vec<u8>; 5]>,
-        /// What blocks and reflects, in patches of at most one coarse cell; the back of a surface is
-        /// black.
+        /// What blocks, in patches of at most one coarse cell.
         blocked: Vec<BlockedPatch>,
     },
 }
+
+/// Place of the coarse grid in [`LEVELS`].
+const COARSE_LEVEL: usize = 2;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Cell {
@@ -119,26 +123,24 @@ impl Visibility {
             .map(|&c| if c == Cell::Blocked { 0 } else { 255 })
             .collect();
         let open = Box::new(pyramid(finest));
-        let blocked = patches
-            .iter()
-            .enumerate()
-            .filter_map(|(i, patch)| {
-                let (triangle, barycentric) = (*patch)?;
+        let mut blocked = Vec::new();
+        for (i, patch) in patches.iter().enumerate() {
+            let Some((triangle, barycentric)) = *patch else {
+                continue;
+            };
+            let share = 1.0 - f32::from(open[COARSE_LEVEL][i]) / 255.0;
+            if share > 0.0 {
                 let direction = centre(COARSE, i % COARSE, i / COARSE);
-                if direction.dot(surface.geometric[triangle as usize]) >= 0.0 {
-                    return None;
-                }
-                let share = 1.0 - f32::from(open[2][i]) / 255.0;
-                let solid_angle = share * solid_angle(COARSE, i % COARSE, i / COARSE);
-                (share > 0.0).then_some(BlockedPatch {
+                blocked.push(BlockedPatch {
                     direction,
-                    solid_angle,
+                    solid_angle: share * solid_angle(COARSE, i % COARSE, i / COARSE),
                     triangle,
                     barycentric,
                     normal: surface.shading(triangle, barycentric),
-                })
-            })
-            .collect();
+                    is_black: direction.dot(surface.geometric[triangle as usize]) >= 0.0,
+                });
+            }
+        }
         (Self::Partial { open, blocked }, rays)
     }
 
@@ -171,6 +173,7 @@ impl Visibility {
     }
 }
 
+/// The direction in the middle of cell `(x, y)` of an `n × n` map.
 fn centre(n: usize, x: usize, y: usize) -> Vec3 {
     direction_from_octahedral(Vec2::new(x as f32 + 0.5, y as f32 + 0.5) / n as f32)
 }
@@ -208,7 +211,7 @@ fn pyramid(finest: Vec<u8>) -> [Vec<u8>; 5] {
     [finest, second, third, fourth, fifth]
 }
 
-/// Solid angle of a cell: its two spherical triangles, flattened. Cells are small.
+/// Solid angle of a cell, steradian: its two spherical triangles, flattened. Cells are small.
 fn solid_angle(n: usize, x: usize, y: usize) -> f32 {
     let corner = |dx: usize, dy: usize| {
         direction_from_octahedral(Vec2::new((x + dx) as f32, (y + dy) as f32) / n as f32)

@@ -1,11 +1,13 @@
 //! Directions, frames, rigid transforms and spherical maps.
 
+mod cube;
 mod frame;
 mod octahedral;
 mod ray;
 mod spherical;
 mod turn;
 
+pub use cube::{CubeGrid, CubePlace, CubeStencil};
 pub use frame::{Frame, Local};
 pub use octahedral::{direction_from_octahedral, octahedral_from_direction, octahedral_neighbour};
 pub use ray::{Ray, offset_origin};

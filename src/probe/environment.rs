@@ -47,6 +47,14 @@ impl Environment {
         ))
     }
 
+    /// The same map with another image of its size.
+    pub(super) fn with_image(&self, image: RgbImage) -> Self {
+        Self {
+            image,
+            ..self.clone()
+        }
+    }
+
     /// The repaired image.
     pub fn image(&self) -> &RgbImage {
         &self.image

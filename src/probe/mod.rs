@@ -5,10 +5,16 @@
 
 mod clusters;
 mod environment;
+mod irradiance;
+mod peaks;
 mod pyramid;
 mod repair;
+mod sky;
 
 pub use clusters::{LightClusters, LightPatch};
 pub use environment::{Environment, TurnedLight};
+pub use irradiance::Irradiance;
+pub use peaks::SplitLight;
 pub use pyramid::{LightNode, LightPyramid};
 pub use repair::{ProbeError, ProbeReport, repair};
+pub use sky::SkyMap;

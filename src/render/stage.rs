@@ -8,8 +8,8 @@ use super::patches::Patches;
 
 use crate::accel::Accel;
 use crate::mesh::Mesh;
-use crate::prefilter::Irradiance;
-use crate::probe::{Environment, LightClusters, LightPyramid};
+
+use crate::probe::{Environment, Irradiance, LightClusters, LightPyramid};
 use crate::rig::View;
 use crate::scene::{AssetError, MaterialField, Scene};
 

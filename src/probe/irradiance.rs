@@ -3,8 +3,8 @@
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
-use super::cube::CubeGrid;
-use crate::probe::LightPyramid;
+use super::LightPyramid;
+use crate::geometry::{CubeGrid, CubePlace};
 
 /// Samples of the map lie this far apart, radians. The cosine kernel is smooth but for the horizon: a
 /// lamp there would be off by 1 % of its flux, which is why lamps are kept out of the map.
@@ -63,7 +63,10 @@ impl Irradiance {
     /// Irradiance of a surface facing `normal` (unit, world frame), linear RGB.
     #[inline]
     pub fn at(&self, normal: Vec3) -> Vec3 {
-        let sky = self.grid.stencil(normal).interpolate(&self.samples);
+        let sky = self
+            .grid
+            .stencil(CubePlace::of(normal))
+            .interpolate(&self.samples);
         let normal = Vec3A::from(normal);
         let lamps: Vec3A = self.lamps.iter().map(|lamp| lamp.irradiance(normal)).sum();
         (sky.max(Vec3A::ZERO) + lamps).into()

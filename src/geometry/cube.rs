@@ -11,57 +11,97 @@ use glam::{Vec3, Vec3A};
 /// Samples beyond the edge on either side: what a stencil of four reaches over.
 const BORDER: usize = 2;
 
-/// Where a direction lies on a [`CubeGrid`]: a stencil of 4 × 4 samples.
+/// A direction's place on the cube, whatever the grid.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stencil {
+pub struct CubePlace {
+    face: usize,
+    /// Equi-angular coordinates on the face, in [−1, 1].
+    along: f32,
+    down: f32,
+}
+
+impl CubePlace {
+    /// Of a direction, which need not be unit.
+    #[inline]
+    pub fn of(direction: Vec3) -> Self {
+        let size = direction.abs();
+        let (axis, a, b) = if size.x >= size.y && size.x >= size.z {
+            (0, direction.y / direction.x, direction.z / direction.x)
+        } else if size.y >= size.z {
+            (1, direction.z / direction.y, direction.x / direction.y)
+        } else {
+            (2, direction.x / direction.z, direction.y / direction.z)
+        };
+        Self {
+            face: 2 * axis + usize::from(direction[axis] < 0.0),
+            along: arctangent(a) * (1.0 / FRAC_PI_4),
+            down: arctangent(b) * (1.0 / FRAC_PI_4),
+        }
+    }
+}
+
+/// Which samples of a [`CubeGrid`] a place lies between, and how much each counts: 4 × 4 of them.
+#[derive(Clone, Copy, Debug)]
+pub struct CubeStencil {
     first: usize,
     stride: usize,
     along: [f32; 4],
     down: [f32; 4],
 }
 
-impl Stencil {
+impl CubeStencil {
     /// The interpolated value of the samples of one map.
     #[inline]
-    pub(super) fn interpolate(&self, samples: &[Vec3A]) -> Vec3A {
+    pub fn interpolate(&self, samples: &[Vec3A]) -> Vec3A {
         let mut sum = Vec3A::ZERO;
-        for (row, down) in self.down.into_iter().enumerate() {
-            let start = self.first + row * self.stride;
+        for (start, down) in self.rows() {
             let [a, b, c, d] = self.along;
             let four = &samples[start..start + 4];
             sum += (four[0] * a + four[1] * b + four[2] * c + four[3] * d) * down;
         }
         sum
     }
+
+    /// The first sample of each of four rows, and the row's weight.
+    #[inline]
+    pub fn rows(&self) -> [(usize, f32); 4] {
+        std::array::from_fn(|row| (self.first + row * self.stride, self.down[row]))
+    }
+
+    /// Weights of the four samples of a row.
+    #[inline]
+    pub fn along(&self) -> [f32; 4] {
+        self.along
+    }
 }
 
 /// The places of the samples of a map over the sphere.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct CubeGrid {
+pub struct CubeGrid {
     /// Samples along a face's side, without the border.
     resolution: usize,
 }
 
 impl CubeGrid {
     /// A grid whose samples lie at most `spacing` radians apart.
-    pub(super) fn with_spacing(spacing: f32) -> Self {
+    pub fn with_spacing(spacing: f32) -> Self {
         Self {
             resolution: (2.0 * FRAC_PI_4 / spacing).ceil() as usize,
         }
     }
 
     /// Samples along a face's side, border included.
-    fn stride(self) -> usize {
+    pub fn stride(self) -> usize {
         self.resolution + 2 * BORDER
     }
 
     /// Samples of a map.
-    pub(super) fn samples(self) -> usize {
+    pub fn samples(self) -> usize {
         6 * self.stride() * self.stride()
     }
 
     /// The direction of sample `index`.
-    pub(super) fn direction(self, index: usize) -> Vec3 {
+    pub fn direction(self, index: usize) -> Vec3 {
         let stride = self.stride();
         let (face, within) = (index / (stride * stride), index % (stride * stride));
         let place = |i: usize| {
@@ -71,29 +111,20 @@ impl CubeGrid {
         on_face(face, place(within % stride), place(within / stride)).normalize()
     }
 
-    /// The stencil about a direction.
+    /// The stencil about a place.
     #[inline]
-    pub(super) fn stencil(self, direction: Vec3) -> Stencil {
-        let size = direction.abs();
-        let (axis, a, b) = if size.x >= size.y && size.x >= size.z {
-            (0, direction.y / direction.x, direction.z / direction.x)
-        } else if size.y >= size.z {
-            (1, direction.z / direction.y, direction.x / direction.y)
-        } else {
-            (2, direction.x / direction.z, direction.y / direction.z)
-        };
-        let face = 2 * axis + usize::from(direction[axis] < 0.0);
+    pub fn stencil(self, place: CubePlace) -> CubeStencil {
         let n = self.resolution as f32;
-        let cell = |t: f32| {
-            let x = (arctangent(t) * (1.0 / FRAC_PI_4) + 1.0) * 0.5 * n - 0.5;
+        let cell = |u: f32| {
+            let x = (u + 1.0) * 0.5 * n - 0.5;
             let low = x.floor().clamp(-1.0, n - 1.0);
             // The stencil starts one sample before the cell.
             (low as isize + BORDER as isize - 1, lagrange(x - low))
         };
-        let ((column, along), (row, down)) = (cell(a), cell(b));
+        let ((column, along), (row, down)) = (cell(place.along), cell(place.down));
         let stride = self.stride();
-        Stencil {
-            first: (face * stride + row.max(0) as usize) * stride + column.max(0) as usize,
+        CubeStencil {
+            first: (place.face * stride + row.max(0) as usize) * stride + column.max(0) as usize,
             stride,
             along,
             down,
@@ -101,7 +132,7 @@ impl CubeGrid {
     }
 }
 
-/// The point at tangents `(a, b)` of a cube's face, as [`CubeGrid::stencil`] names them: on the
+/// The point at tangents `(a, b)` of a cube's face, as [`CubePlace::of`] names them: on the
 /// negative faces both tangents are of mirrored coordinates.
 fn on_face(face: usize, a: f32, b: f32) -> Vec3 {
     let sign = if face.is_multiple_of(2) { 1.0 } else { -1.0 };
@@ -159,7 +190,7 @@ mod tests {
             let grid = CubeGrid::with_spacing(0.05);
             let f = |d: Vec3| Vec3A::new((2.0 * d.x).sin(), d.y * d.z, (d.z - d.x).exp());
             let samples: Vec<Vec3A> = (0..grid.samples()).map(|i| f(grid.direction(i))).collect();
-            let error = grid.stencil(d).interpolate(&samples) - f(d);
+            let error = grid.stencil(CubePlace::of(d)).interpolate(&samples) - f(d);
             prop_assert!(error.length() < 3e-5, "{error}");
         }
     }
