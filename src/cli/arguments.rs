@@ -47,6 +47,9 @@ pub(super) enum Command {
     Export(Export),
     /// One self-contained HTML page about a fit.
     Report(Report),
+    /// The lens from chessboard photographs, or cameras from other programs' files.
+    #[command(subcommand)]
+    Camera(super::camera::Camera),
 }
 
 #[derive(Args, Debug)]

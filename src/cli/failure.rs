@@ -62,6 +62,8 @@ input_failure!(
     crate::export::ExportError,
     crate::mesh::MeshError,
     crate::render::RenderError,
+    crate::rig::CornerFileError,
+    crate::rig::ImportError,
     crate::report::ReportError,
     crate::scene::AssetError,
     crate::scene::SceneError,

@@ -1,6 +1,7 @@
 //! Arguments → checked plan → one function a subcommand.
 
 mod arguments;
+mod camera;
 mod compare;
 mod demo;
 mod export;
@@ -46,6 +47,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Compare(arguments) => compare::run(arguments, &cli.common),
         Command::Export(arguments) => export::run(arguments, &cli.common),
         Command::Report(arguments) => report::run(arguments, &cli.common),
+        Command::Camera(command) => camera::run(command, &cli.common),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -37,3 +37,4 @@ pub use plan::{
     Capture, CaptureFrame, MapSource, MaterialSource, ObjectSource, ProbeSource, Scene, Sensor,
     SpecularSource,
 };
+pub use write::RigSections;

@@ -11,7 +11,7 @@ use super::{
     Capture, MapSource, MaterialSource, ObjectSource, ProbeSource, Scene, Sensor, SpecularSource,
 };
 use crate::geometry::Turn;
-use crate::rig::{Camera, Intrinsics};
+use crate::rig::{Camera, Intrinsics, Lens};
 
 /// TOML text in the making; paths become relative to `folder` where they share a part with it.
 struct Writer<'a> {
@@ -59,6 +59,48 @@ impl Capture {
             if frame.exposure != 1.0 {
                 writer.set("exposure", float(frame.exposure));
             }
+        }
+        writer.text
+    }
+}
+
+/// The sections that a calibration or an import knows, to be completed to a scene or a capture.
+#[derive(Debug)]
+pub struct RigSections<'a> {
+    /// Comment lines at the top.
+    pub remarks: &'a [String],
+    /// Intrinsics.
+    pub lens: &'a Lens,
+    /// Its place, if known; a comment asks for it otherwise.
+    pub camera: Option<&'a Camera>,
+    /// Axis and centre, if known.
+    pub turn: Option<&'a Turn>,
+    /// Images and angles in radians; `[[frames]]` of a capture.
+    pub frames: &'a [(PathBuf, f64)],
+}
+
+impl RigSections<'_> {
+    /// The text for a file in the folder `relative_to`.
+    pub fn to_toml(&self, relative_to: &Path) -> String {
+        let mut writer = Writer {
+            text: String::new(),
+            folder: relative_to,
+        };
+        for line in self.remarks.iter().flat_map(|remark| remark.lines()) {
+            writer.line(&format!("# {line}"));
+        }
+        writer.lens(self.lens);
+        match self.camera {
+            Some(camera) => writer.place(camera),
+            None => writer.line("# position = [x, y, z] and look_at = [x, y, z]: not known yet"),
+        }
+        if let Some(turn) = self.turn {
+            writer.turntable(turn);
+        }
+        for (image, angle) in self.frames {
+            writer.line("\n[[frames]]");
+            writer.path("image", image);
+            writer.set("angle_deg", degrees(*angle));
         }
         writer.text
     }
@@ -157,12 +199,17 @@ impl Writer<'_> {
     }
 
     fn camera(&mut self, camera: &Camera) {
+        self.lens(&Lens::of(camera));
+        self.place(camera);
+    }
+
+    fn lens(&mut self, lens: &Lens) {
         self.line("\n[camera]");
-        self.set("width", camera.width);
-        self.set("height", camera.height);
-        let k = &camera.intrinsics;
-        let fov_x = 2.0 * (0.5 * camera.width as f64 / k.fx).atan();
-        let simple = Intrinsics::from_fov_x(camera.width, camera.height, fov_x);
+        self.set("width", lens.width);
+        self.set("height", lens.height);
+        let k = &lens.intrinsics;
+        let fov_x = 2.0 * (0.5 * lens.width as f64 / k.fx).atan();
+        let simple = Intrinsics::from_fov_x(lens.width, lens.height, fov_x);
         let alike = (k.fx - simple.fx).abs().max((k.fy - simple.fy).abs()) <= 1e-12 * k.fx;
         if alike && (k.cx, k.cy) == (simple.cx, simple.cy) {
             self.set("fov_x_deg", degrees(fov_x));
@@ -171,7 +218,7 @@ impl Writer<'_> {
                 self.set(key, float(pixels));
             }
         }
-        let d = &camera.distortion;
+        let d = &lens.distortion;
         let distortion = [d.k1, d.k2, d.p1, d.p2, d.k3];
         if distortion != [0.0; 5] {
             self.set(
@@ -179,6 +226,9 @@ impl Writer<'_> {
                 format!("[{}]", distortion.map(float).join(", ")),
             );
         }
+    }
+
+    fn place(&mut self, camera: &Camera) {
         // One step ahead, a step as long as the coordinates so that none of its digits is lost.
         let axes = &camera.world_from_camera;
         let (right, down, forward) = (axes.x_axis, axes.y_axis, axes.z_axis);
