@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod import;
+mod overlay;
 
 use std::path::PathBuf;
 
@@ -69,6 +70,18 @@ pub(super) struct Import {
     /// Folder of COLMAP's images; SOURCE/images or SOURCE unless given.
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
+    /// Draw the edges of this mesh, which stands in the file's coordinates, over the first image, to see whether
+    /// they agree.
+    #[arg(
+        long,
+        requires = "overlay",
+        conflicts_with = "lens_only",
+        value_name = "FILE"
+    )]
+    mesh: Option<PathBuf>,
+    /// PNG to draw on.
+    #[arg(long, requires = "mesh", value_name = "FILE.png")]
+    overlay: Option<PathBuf>,
     /// Which way is up in the file's world, to become turnlight's +Y: an axis, or the turntable's own.
     /// z for transforms.json, else y, unless given.
     #[arg(long, value_enum)]

@@ -9,7 +9,7 @@ use calib_targets_chessboard::{
     ChessboardDetection, ChessboardDetector, ChessboardParams, DetectorConfig, GrayImageView,
     default_chess_config, detect_corners,
 };
-use chess_corners::{ImageRefiner, MultiscaleConfig};
+use chess_corners::{ImageRefiner, MultiscaleConfig, SaddlePointConfig};
 use glam::DVec2;
 
 use super::{BoardView, Corner, FEWEST_CORNERS};
@@ -97,7 +97,9 @@ impl Board {
         }
         let enough = (all / 2).max(FEWEST_CORNERS);
         match (best, larger) {
-            (Some(best), _) if best.corners.len() >= enough => Ok(self::view(name, &best)),
+            (Some(best), _) if best.corners.len() >= enough => {
+                Ok(self::view(name, &refined(&view, best)))
+            }
             (_, Some((columns, rows))) => Err(BoardError::Larger {
                 board: self,
                 columns,
@@ -111,11 +113,40 @@ impl Board {
 /// Ways to look, the best first: coarse to fine, which passes over texture and noise, then at full
 /// resolution, for boards whose squares are a few pixels wide.
 fn configurations() -> [DetectorConfig; 2] {
-    let refined = default_chess_config().with_refiner(ImageRefiner::saddle_point());
+    let saddle = default_chess_config().with_refiner(ImageRefiner::saddle_point());
     [
-        refined.with_multiscale(MultiscaleConfig::pyramid_default()),
-        refined,
+        saddle.with_multiscale(MultiscaleConfig::pyramid_default()),
+        saddle,
     ]
+}
+
+/// The same board, its corners placed by as many pixels as its squares allow.
+///
+/// The patch reaches a tenth of a square each way: on OpenCV's photographs (squares of 31 to 46 pixels) the
+/// corners of a calibration are off by 0.190 pixels with the detector's own half size of 2, 0.178 with a tenth
+/// of a square, 0.175 with an eighth, 0.185 with a sixth, where the patch reaches the next corner of boards
+/// seen at a slant.
+fn refined(view: &GrayImageView<'_>, board: ChessboardDetection) -> ChessboardDetection {
+    let radius = board
+        .cell_size
+        .map_or(2, |cell| (0.1 * cell).round().clamp(2.0, 8.0) as i32);
+    let mut saddle = SaddlePointConfig::default();
+    if radius <= saddle.radius {
+        return board;
+    }
+    saddle.radius = radius;
+    let [coarse_to_fine, _] = configurations();
+    match detect(
+        view,
+        &coarse_to_fine.with_refiner(ImageRefiner::SaddlePoint(saddle)),
+    ) {
+        Some(finer)
+            if finer.corners.len() >= board.corners.len() && extent(&finer) == extent(&board) =>
+        {
+            finer
+        }
+        _ => board,
+    }
 }
 
 fn detect(view: &GrayImageView<'_>, config: &DetectorConfig) -> Option<ChessboardDetection> {
@@ -180,6 +211,7 @@ fn grey(photograph: &RgbImage) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     /// A board of 8 × 6 squares as a lens blurs it, over two pixels, with eight samples a side; `place` takes
     /// a pixel to board coordinates in squares.
@@ -220,6 +252,21 @@ mod tests {
                 rms < 0.05 && worst < 0.15,
                 "light {white}: {rms}, worst {worst}"
             );
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_image_is_searched_without_a_panic(
+            width in 1usize..60, height in 1usize..60, seed in any::<u32>(), coarse in 1usize..12,
+        ) {
+            // Blocks of noise: from snow to something like squares.
+            let image = RgbImage::from_fn(width, height, |x, y| {
+                let block = (x / coarse + 64 * (y / coarse)) as u32;
+                let word = (block ^ seed).wrapping_mul(2_654_435_761).rotate_left(13);
+                [(word.wrapping_mul(2_246_822_519) >> 24) as f32 / 255.0; 3]
+            });
+            let _ = Board::new(3, 3).unwrap().find("noise", &image);
         }
     }
 

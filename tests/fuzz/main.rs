@@ -21,6 +21,7 @@
     reason = "a long run says what it did"
 )]
 
+mod cameras;
 mod folders;
 mod images;
 mod memory;

@@ -92,7 +92,7 @@ fn capture_toml_is_read_or_refused() {
 }
 
 /// What was read can be written and read again.
-fn assert_reads_back<T, E: std::fmt::Debug>(text: &str, again: Result<T, E>) {
+pub(crate) fn assert_reads_back<T, E: std::fmt::Debug>(text: &str, again: Result<T, E>) {
     assert!(
         again.is_ok(),
         "what is written does not read back: {:?}\n{text}",
@@ -101,7 +101,7 @@ fn assert_reads_back<T, E: std::fmt::Debug>(text: &str, again: Result<T, E>) {
 }
 
 /// Axes are axes, and pixels have rays.
-fn assert_camera(camera: &Camera) {
+pub(crate) fn assert_camera(camera: &Camera) {
     assert!(camera.position.is_finite(), "camera position");
     let axes = camera.world_from_camera;
     let square = axes.transpose() * axes;

@@ -372,3 +372,115 @@ pub(crate) fn record() -> Vec<Vec<u8>> {
             .into(),
     ]
 }
+
+/// Rows of a camera's pose on a circle about +Z, world from camera: right, up, backward, and place.
+fn pose_rows(angle: f64) -> [[f64; 4]; 3] {
+    let (s, c) = angle.sin_cos();
+    [
+        [-s, 0.0, c, 4.0 * c],
+        [c, 0.0, s, 4.0 * s],
+        [0.0, 1.0, 0.0, 0.5],
+    ]
+}
+
+pub(crate) fn transforms() -> Vec<u8> {
+    let frame = |i: u32| {
+        let [a, b, c] = pose_rows(0.7 * f64::from(i));
+        let matrix = [a, b, c, [0.0, 0.0, 0.0, 1.0]];
+        serde_json::json!({ "file_path": format!("./images/{i}.png"), "transform_matrix": matrix })
+    };
+    let frames: Vec<_> = (0..5).map(frame).collect();
+    let value = serde_json::json!({
+        "camera_model": "OPENCV", "w": 640, "h": 480, "fl_x": 500.5, "fl_y": 501.0, "cx": 320.0, "cy": 240.5,
+        "k1": -0.1, "k2": 0.01, "p1": 1e-4, "p2": -1e-4, "k3": 0.0, "k4": 0.0, "frames": frames,
+    });
+    serde_json::to_vec_pretty(&value).unwrap()
+}
+
+pub(crate) fn opencv_json() -> Vec<u8> {
+    let matrix = |rows: u32, columns: u32, numbers: &[f64]| serde_json::json!({"type_id": "opencv-matrix", "rows": rows, "cols": columns, "dt": "d", "data": numbers});
+    let value = serde_json::json!({
+        "image_width": 640, "image_height": 480,
+        "camera_matrix": matrix(3, 3, &[500.5, 0.0, 319.5, 0.0, 501.0, 240.0, 0.0, 0.0, 1.0]),
+        "distortion_coefficients": matrix(5, 1, &[-0.1, 0.01, 1e-4, -1e-4, 0.0]),
+    });
+    serde_json::to_vec_pretty(&value).unwrap()
+}
+
+pub(crate) fn opencv_yaml() -> Vec<u8> {
+    b"%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   \
+      dt: d\n   data: [ 500.5, 0., 319.5, 0.,\n       501., 240., 0., 0., 1. ]\ndistortion_model: plumb_bob\n\
+      distortion_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1\n   dt: d\n   \
+      data: [ -0.1, 0.01, 1.0e-04, -1.0e-04, 0. ]\n"
+        .to_vec()
+}
+
+pub(crate) fn opencv_xml() -> Vec<u8> {
+    b"<?xml version=\"1.0\"?>\n<opencv_storage>\n<image_width>640</image_width>\n<image_height>480</image_height>\n\
+      <camera_matrix type_id=\"opencv-matrix\">\n  <rows>3</rows>\n  <cols>3</cols>\n  <dt>d</dt>\n  <data>\n    \
+      500.5 0. 319.5 0. 501. 240. 0. 0. 1.</data></camera_matrix>\n<distortion_coefficients type_id=\"opencv-matrix\">\
+      <rows>4</rows><cols>1</cols><dt>d</dt><data>\n -0.1 0.01 1e-4 -1e-4</data></distortion_coefficients>\n\
+      </opencv_storage>\n"
+        .to_vec()
+}
+
+/// COLMAP's quaternion (w, x, y, z) and translation of a camera turned about +Y, four units away.
+fn colmap_pose(i: u32) -> [f64; 7] {
+    let (s, c) = (0.25 * f64::from(i)).sin_cos();
+    [c, 0.0, s, 0.0, 0.0, 0.2, 4.0]
+}
+
+/// `cameras.txt` and `images.txt`.
+pub(crate) fn colmap_text() -> [Vec<u8>; 2] {
+    let cameras = "# Camera list\n1 OPENCV 640 480 500.5 501 320 240.5 -0.1 0.01 1e-4 -1e-4\n";
+    let mut images = "# Image list\n".to_owned();
+    for i in 0..5 {
+        let pose = colmap_pose(i).map(|x| format!("{x:?}")).join(" ");
+        images += &format!("{} {pose} 1 {i:02}.jpg\n1.5 2.5 -1 3.0 4.0 7\n", i + 1);
+    }
+    [cameras.into(), images.into()]
+}
+
+/// `cameras.bin` and `images.bin`.
+pub(crate) fn colmap_binary() -> [Vec<u8>; 2] {
+    let mut cameras = 1u64.to_le_bytes().to_vec();
+    cameras.extend([1u32, 4].map(u32::to_le_bytes).as_flattened());
+    cameras.extend([640u64, 480].map(u64::to_le_bytes).as_flattened());
+    let lens = [500.5f64, 501.0, 320.0, 240.5, -0.1, 0.01, 1e-4, -1e-4];
+    cameras.extend(lens.map(f64::to_le_bytes).as_flattened());
+    let mut images = 5u64.to_le_bytes().to_vec();
+    for i in 0..5u32 {
+        images.extend((i + 1).to_le_bytes());
+        images.extend(colmap_pose(i).map(f64::to_le_bytes).as_flattened());
+        images.extend(1u32.to_le_bytes());
+        images.extend(format!("{i:02}.jpg\0").as_bytes());
+        images.extend(1u64.to_le_bytes());
+        images.extend([1.5f64, 2.5].map(f64::to_le_bytes).as_flattened());
+        images.extend(u64::MAX.to_le_bytes());
+    }
+    [cameras, images]
+}
+
+/// Four views of a board of 4 × 3 corners through a pinhole.
+pub(crate) fn corners() -> Vec<u8> {
+    let view = |i: u32| {
+        let (s, c) = (0.3 + 0.2 * f64::from(i)).sin_cos();
+        let corner = |j: u32| {
+            let (u, v) = (f64::from(j % 4), f64::from(j / 4));
+            // Tilted about x in one half of the views and about y in the other.
+            let (x, y, z) = if i.is_multiple_of(2) {
+                (u - 1.5, (v - 1.0) * c, 6.0 + (v - 1.0) * s)
+            } else {
+                ((u - 1.5) * c, v - 1.0, 6.0 + (u - 1.5) * s)
+            };
+            [u, v, 320.0 + 500.0 * x / z, 240.0 + 500.0 * y / z]
+        };
+        let corners: Vec<[f64; 4]> = (0..12).map(corner).collect();
+        serde_json::json!({ "name": format!("{i}.png"), "corners": corners })
+    };
+    let photographs: Vec<_> = (0..4).map(view).collect();
+    let value = serde_json::json!({
+        "width": 640, "height": 480, "first_pixel_centre": 0.5, "photographs": photographs,
+    });
+    serde_json::to_vec(&value).unwrap()
+}

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use serde_json::json;
 
-use super::{Import, Up};
+use super::{Import, Up, overlay};
 use crate::cli::arguments::Common;
 use crate::cli::failure::Failure;
 use crate::cli::progress::{note, say, write_stats, write_text};
@@ -52,6 +52,22 @@ pub(super) fn run(arguments: &Import, common: &Common) -> Result<(), Failure> {
         frames: placed.as_ref().map_or(&[], |placed| &placed.frames),
     }
     .to_toml(arguments.out.parent().unwrap_or(Path::new("")));
+    if let (Some(mesh), Some(out)) = (&arguments.mesh, &arguments.overlay) {
+        let Some(placed) = &placed else {
+            return Err(Failure::Input(anyhow::anyhow!(
+                "{}: --overlay needs a pose, and the file has none",
+                arguments.source.display()
+            )));
+        };
+        let photograph = image_folder(arguments).join(&imported.shots[0].image);
+        overlay::write(
+            out,
+            mesh,
+            &photograph,
+            &placed.camera,
+            placed.world_from_file,
+        )?;
+    }
     write_text(&arguments.out, &text)?;
     remarks.iter().for_each(|remark| say(remark));
     note(
@@ -178,11 +194,11 @@ fn upright(up: DVec3) -> DQuat {
 
 /// How to turn a mesh that stands in the file's coordinates.
 fn object_remark(world_from_file: DQuat) -> Option<String> {
-    if world_from_file.is_near_identity() {
+    let turn = world_from_file.to_scaled_axis();
+    if turn.length() < 1e-12 {
         return None;
     }
-    let degrees = world_from_file
-        .to_scaled_axis()
+    let degrees = turn
         .to_array()
         .map(|radians| format!("{:?}", (radians.to_degrees() * 1e9).round() / 1e9));
     Some(format!(

@@ -107,7 +107,11 @@ where
     nalgebra::DefaultAllocator:
         nalgebra::allocator::Allocator<nalgebra::DimDiff<nalgebra::Const<N>, nalgebra::U1>>,
 {
-    let eigen = matrix.symmetric_eigen();
+    // Overflow would keep the decomposition from ever ending; any vector is as good then.
+    let finite = matrix.iter().all(|x| x.is_finite());
+    let eigen = matrix
+        .map(|x| if finite { x } else { 0.0 })
+        .symmetric_eigen();
     eigen.eigenvectors.column(eigen.eigenvalues.imin()).into()
 }
 
@@ -177,8 +181,12 @@ fn pose(h: &Matrix3<f64>, [fx, fy, cx, cy]: [f64; 4]) -> DAffine3 {
     }
 }
 
-/// The rotation nearest to a matrix in Frobenius' norm.
+/// The rotation nearest to a matrix in Frobenius' norm; none is nearest to what is not finite, where the
+/// decomposition would never end.
 pub(in crate::rig) fn nearest_rotation(matrix: DMat3) -> DMat3 {
+    if !matrix.is_finite() {
+        return DMat3::IDENTITY;
+    }
     let svd = Matrix3::from_column_slice(&matrix.to_cols_array()).svd(true, true);
     let (Some(mut u), Some(v_t)) = (svd.u, svd.v_t) else {
         return DMat3::IDENTITY;

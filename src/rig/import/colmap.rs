@@ -187,7 +187,7 @@ fn shots(
     let shot = |image: &FileImage| {
         let name = format!("image {} ({}): ", image.id, image.name);
         if !cameras.iter().any(|camera| camera.id == image.camera) {
-            let requirement = "a camera of the cameras file";
+            let requirement = "a camera of cameras.txt or cameras.bin beside it";
             return Err(ImportProblem::value(
                 format!("{name}camera"),
                 image.camera,

@@ -22,6 +22,8 @@ pub(super) type Store = Vec<(String, Entry)>;
 
 /// Mappings deeper than this are not cameras.
 const DEEPEST: usize = 16;
+/// Nor are longer names, bytes; every value below them would be kept with its whole path.
+const LONGEST_NAME: usize = 200;
 
 impl Entry {
     /// Numbers between commas, blanks and brackets, or text.
@@ -70,6 +72,10 @@ pub(super) fn from_yaml(text: &str) -> Parsed<Store> {
             return Err(ImportProblem::damaged(format!("line {}", i + 1), reason));
         };
         let key = key.trim().trim_matches(['"', '\'']);
+        if key.len() > LONGEST_NAME {
+            let reason = format!("a name of {} bytes", key.len());
+            return Err(ImportProblem::damaged(format!("line {}", i + 1), reason));
+        }
         while inside.last().is_some_and(|(outer, _)| *outer >= indent) {
             inside.pop();
         }
@@ -130,7 +136,7 @@ fn flatten(value: &Value, path: &str, depth: usize, store: &mut Store) {
     let keep = |entry| (path.to_owned(), entry);
     match value {
         Value::Object(fields) if depth < DEEPEST => {
-            for (key, value) in fields {
+            for (key, value) in fields.iter().filter(|(key, _)| key.len() <= LONGEST_NAME) {
                 let path = if path.is_empty() {
                     key.clone()
                 } else {
@@ -185,6 +191,9 @@ pub(super) fn from_xml(text: &str) -> Parsed<Store> {
         names.pop();
         names.reverse();
         let text = node.text().unwrap_or_default();
+        if names.iter().any(|name| name.len() > LONGEST_NAME) {
+            continue;
+        }
         if !names.is_empty() && !text.trim().is_empty() {
             store.push((names.join("."), Entry::of(text)));
         }
