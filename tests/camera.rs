@@ -221,3 +221,39 @@ fn models_that_are_no_turntable_are_refused_with_figures() {
     std::fs::remove_file(folder.path().join("images.txt")).unwrap();
     refused(folder.path(), &words, 2, "images.txt: ");
 }
+
+#[test]
+fn names_in_transforms_json_are_relative_to_it() {
+    // Run in the folder above, the source a relative folder with images/ in it.
+    let folder = tempfile::tempdir().unwrap();
+    let source = folder.path().join("nerf");
+    std::fs::create_dir_all(source.join("images")).unwrap();
+    let frame = |i: u32| {
+        let (s, c) = (0.4 * f64::from(i)).sin_cos();
+        format!(
+            r#"{{"file_path": "images/{i}.png", "transform_matrix":
+                [[{c}, {s}, 0, {}], [{s}, -{c}, 0, {}], [0, 0, -1, 0], [0, 0, 0, 1]]}}"#,
+            2.0 * s,
+            -2.0 * c
+        )
+        .replace("--", "")
+    };
+    let frames = [frame(0), frame(1), frame(2)].join(",");
+    let text = format!(r#"{{"w": 64, "h": 48, "camera_angle_x": 0.7, "frames": [{frames}]}}"#);
+    std::fs::write(source.join("transforms.json"), text).unwrap();
+    let run = std::process::Command::new(env!("CARGO_BIN_EXE_turnlight"))
+        .args(["camera", "import", "nerf", "--up=-z"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
+    let written = std::fs::read_to_string(folder.path().join("camera.toml")).unwrap();
+    assert!(
+        written.contains("image = \"nerf/images/0.png\""),
+        "{written}"
+    );
+}

@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Import, common: &Common) -> Result<(), Failure> {
                 arguments.source.display()
             )));
         };
-        let photograph = image_folder(arguments).join(&imported.shots[0].image);
+        let photograph = image_folder(arguments, &imported).join(&imported.shots[0].image);
         overlay::write(
             out,
             mesh,
@@ -134,7 +134,7 @@ fn place(
         axis: matrix * orbit.turn.axis,
         center: matrix * orbit.turn.center,
     });
-    let folder = image_folder(arguments);
+    let folder = image_folder(arguments, imported);
     let frames = orbit.as_ref().map_or_else(Vec::new, |orbit| {
         imported
             .shots
@@ -152,19 +152,24 @@ fn place(
 }
 
 /// What COLMAP's names are relative to; other formats' names come resolved.
-fn image_folder(arguments: &Import) -> PathBuf {
+fn image_folder(arguments: &Import, imported: &Imported) -> PathBuf {
+    if !imported.format.starts_with("COLMAP") {
+        return PathBuf::new();
+    }
     if let Some(folder) = &arguments.images {
         return folder.clone();
     }
     let source = &arguments.source;
-    if !source.is_dir() {
-        return PathBuf::new();
-    }
-    let images = source.join("images");
+    let folder = if source.is_dir() {
+        source
+    } else {
+        source.parent().unwrap_or(Path::new(""))
+    };
+    let images = folder.join("images");
     if images.is_dir() {
         images
     } else {
-        source.clone()
+        folder.to_owned()
     }
 }
 
