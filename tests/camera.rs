@@ -62,11 +62,12 @@ fn opencv_photographs_give_opencv_s_lens() {
         serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
     };
     let found = read(&report);
-    // OpenCV 5.0, its refinement's window within the squares: 0.189 pixels, fx 532.9 (validation/check_calibration.py).
+    // OpenCV 5.0 with the best of nine refinement windows: 0.1797 pixels, fx 532.99
+    // (validation/check_calibration.py).
     let rms = found["rms_px"].as_f64().unwrap();
     let fx = found["parameters"]["fx"]["value"].as_f64().unwrap();
-    assert!(rms < 1.05 * 0.189, "{rms}");
-    assert!((fx / 532.9 - 1.0).abs() < 0.005, "{fx}");
+    assert!(rms < 1.05 * 0.1797, "{rms}");
+    assert!((fx / 532.99 - 1.0).abs() < 0.005, "{fx}");
     assert_eq!(found["photographs"].as_array().unwrap().len(), 13);
     let written = std::fs::read_to_string(&out).unwrap();
     assert!(
@@ -122,7 +123,7 @@ fn opencv_photographs_give_opencv_s_lens() {
         "small.png: size = 64 × 48: must be 640 × 480",
     );
     let cut = folder.path().join("cut.jpg");
-    std::fs::write(&cut, &std::fs::read(&files[0]).unwrap()[..500]).unwrap();
+    std::fs::write(&cut, &std::fs::read(&files[0]).unwrap()[..100]).unwrap();
     let mut words = calibrate("9x6", &[]);
     words.extend([text(&files[0]), text(&cut)]);
     refused(folder.path(), &words, 2, "cut.jpg: ");
@@ -175,18 +176,13 @@ fn a_colmap_model_becomes_a_capture() {
         + "[object]\nmesh = 'images/00.png'\n[probe]\nimage = 'images/00.png'\n";
     let capture = Capture::parse(&sections, &folder.path().join("capture.toml")).unwrap();
     assert_eq!(capture.frames.len(), 6);
-    assert!(
-        (capture.turn.axis - glam::DVec3::Y).length() < 1e-9,
-        "{:?}",
-        capture.turn
-    );
+    // The axis points to the camera's upper side, which in COLMAP's first camera is -Y.
+    let axis = capture.turn.axis;
+    assert!((axis - glam::DVec3::NEG_Y).length() < 1e-9, "{axis}");
     assert!(capture.turn.center.length() < 1e-9);
     for (i, frame) in capture.frames.iter().enumerate() {
-        assert!(
-            (frame.angle - 0.2 * i as f64).abs() < 1e-9,
-            "{}",
-            frame.angle
-        );
+        let expected = (-0.2 * i as f64).rem_euclid(std::f64::consts::TAU);
+        assert!((frame.angle - expected).abs() < 1e-9, "{}", frame.angle);
         assert!(frame.image.ends_with(format!("images/{i:02}.png")));
     }
     assert!((capture.camera.position - glam::DVec3::NEG_Z * 4.0).length() < 1e-9);
