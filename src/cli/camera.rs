@@ -4,7 +4,7 @@ mod calibrate;
 mod import;
 mod overlay;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 
@@ -121,6 +121,14 @@ pub(super) fn run(command: &Camera, common: &Common) -> Result<(), Failure> {
     match command {
         Camera::Calibrate(arguments) => calibrate::run(arguments, common),
         Camera::Import(arguments) => import::run(arguments, common),
+    }
+}
+
+/// The folder that a file stands in; a bare name stands in the current one.
+fn folder_of(file: &Path) -> &Path {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
     }
 }
 

@@ -1,13 +1,13 @@
 //! `turnlight camera calibrate`.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::anyhow;
 use rayon::prelude::*;
 use serde_json::json;
 
-use super::{COEFFICIENTS, Calibrate};
+use super::{COEFFICIENTS, Calibrate, folder_of};
 use crate::cli::arguments::Common;
 use crate::cli::failure::Failure;
 use crate::cli::progress::{bar, note, say, write_stats, write_text};
@@ -42,7 +42,7 @@ pub(super) fn run(arguments: &Calibrate, common: &Common) -> Result<(), Failure>
         turn: None,
         frames: &[],
     }
-    .to_toml(arguments.out.parent().unwrap_or(Path::new("")));
+    .to_toml(folder_of(&arguments.out));
     if let Some(path) = &arguments.write_corners {
         write_text(path, &seen.to_json())?;
     }

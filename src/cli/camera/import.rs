@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use serde_json::json;
 
-use super::{Import, Up, overlay};
+use super::{Import, Up, folder_of, overlay};
 use crate::cli::arguments::Common;
 use crate::cli::failure::Failure;
 use crate::cli::progress::{note, say, write_stats, write_text};
@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &Import, common: &Common) -> Result<(), Failure> {
         turn,
         frames: placed.as_ref().map_or(&[], |placed| &placed.frames),
     }
-    .to_toml(arguments.out.parent().unwrap_or(Path::new("")));
+    .to_toml(folder_of(&arguments.out));
     if let (Some(mesh), Some(out)) = (&arguments.mesh, &arguments.overlay) {
         let Some(placed) = &placed else {
             return Err(Failure::Input(anyhow::anyhow!(
