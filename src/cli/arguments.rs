@@ -37,6 +37,8 @@ pub(super) enum Command {
     Demo(Demo),
     /// Render a turntable sequence of a scene.toml into a capture folder.
     Render(Render),
+    /// Find object and turntable from the object's outlines in a capture.
+    Register(Register),
     /// Recover the material of a capture (a folder with capture.toml).
     Fit(Fit),
     /// Render the estimate of a fit, in the capture's light or another.
@@ -99,6 +101,65 @@ pub(super) struct Render {
     /// Also write depth, normal and triangle at pixel centres to aovs/.
     #[arg(long)]
     pub(super) aovs: bool,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Register {
+    /// capture.toml with a rough pose, or the folder that holds it.
+    pub(super) capture: PathBuf,
+    /// Folder to write: capture.toml, register.json, register.html, overlays/; `registered` beside the
+    /// capture.toml unless given.
+    #[arg(long)]
+    pub(super) out: Option<PathBuf>,
+    /// Start from clicked pairs: a TOML file of mesh points and their pixels in one frame.
+    #[arg(long, value_name = "FILE.toml")]
+    pub(super) pairs: Option<PathBuf>,
+    /// What is refined: the object's pose, the turntable's axis and centre too, or also every frame's angle.
+    #[arg(long, value_enum, default_value = "turntable")]
+    pub(super) refine: RefineName,
+    /// What stays of camera and turntable, whose common motion no image shows.
+    #[arg(long, value_enum, default_value = "camera")]
+    pub(super) hold: HoldName,
+    /// What masks mean: covered shares; 255 where the whole pixel is covered; 255 where its centre is.
+    /// `auto`: shares if there are values between 0 and 255, else whole pixels.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub(super) mask_border: MaskBorderName,
+    /// Find the outlines in the photographs, whatever masks there are; frames without a mask always do.
+    #[arg(long)]
+    pub(super) no_masks: bool,
+    /// Besides the masks, use the photographs' edges where the object stands before itself.
+    #[arg(long, conflicts_with = "no_masks")]
+    pub(super) edges: bool,
+    /// How far off the outlines may be at the start, pixels; a fifth of the object unless given.
+    #[arg(long, value_parser = pixels, value_name = "PIXELS")]
+    pub(super) search: Option<f64>,
+    /// Keep as given what the frames do not determine, such as the turn of a sphere.
+    #[arg(long)]
+    pub(super) keep_unknown: bool,
+    /// Also replace the capture.toml that was read.
+    #[arg(long)]
+    pub(super) in_place: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum RefineName {
+    Pose,
+    Turntable,
+    Angles,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum HoldName {
+    Camera,
+    Turntable,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum MaskBorderName {
+    Auto,
+    Coverage,
+    Whole,
+    Half,
 }
 
 #[derive(Args, Debug)]
@@ -246,6 +307,13 @@ fn relative_error(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(error) if (0.001..=1.0).contains(&error) => Ok(error),
         _ => Err("must be from 0.001 (a thousandth) to 1".to_owned()),
+    }
+}
+
+fn pixels(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(pixels) if (1.0..=65536.0).contains(&pixels) => Ok(pixels),
+        _ => Err("must be from 1 to 65536 pixels".to_owned()),
     }
 }
 

@@ -8,6 +8,7 @@ mod export;
 mod failure;
 mod fit;
 mod progress;
+mod register;
 mod render;
 mod report;
 mod reproduce;
@@ -42,6 +43,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let outcome = match &cli.command {
         Command::Demo(arguments) => demo::run(arguments, &cli.common),
         Command::Render(arguments) => render::run(arguments, &cli.common),
+        Command::Register(arguments) => register::run(arguments, &cli.common),
         Command::Fit(arguments) => fit::run(arguments, &cli.common),
         Command::Reproduce(arguments) => reproduce::run(arguments, &cli.common),
         Command::Compare(arguments) => compare::run(arguments, &cli.common),

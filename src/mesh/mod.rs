@@ -12,6 +12,7 @@ use glam::{DVec3, Vec2, Vec3};
 use crate::geometry::Similarity;
 
 mod assemble;
+mod edges;
 mod error;
 mod gltf;
 mod normals;
@@ -28,6 +29,7 @@ mod topology;
 mod write_ply;
 
 pub use assemble::Surface;
+pub use edges::Edge;
 pub use error::MeshError;
 pub use points::{Neighbours, PointSet, SurfacePoint, neighbours};
 pub use report::MeshReport;

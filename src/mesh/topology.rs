@@ -27,16 +27,16 @@ pub(super) fn weld(positions: &[Vec3]) -> Vec<u32> {
 
 /// One side of a triangle, as an edge between welded vertices.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct HalfEdge {
+pub(super) struct HalfEdge {
     /// Smaller vertex in the high half, larger in the low half.
-    edge: u64,
-    triangle: u32,
+    pub(super) edge: u64,
+    pub(super) triangle: u32,
     /// Whether the triangle runs from the smaller vertex to the larger.
     ascending: bool,
 }
 
 /// All sides of all triangles, sorted by edge.
-fn half_edges(triangles: &[[u32; 3]], weld: &[u32]) -> Vec<HalfEdge> {
+pub(super) fn half_edges(triangles: &[[u32; 3]], weld: &[u32]) -> Vec<HalfEdge> {
     let mut sides: Vec<HalfEdge> = triangles
         .iter()
         .zip(0u32..)

@@ -14,7 +14,8 @@ pub(super) fn display(width: usize, height: usize, pixels: &[[u8; 3]]) -> io::Re
     Ok(data_uri(&encode_png_bytes(width, height, pixels)?))
 }
 
-fn data_uri(png: &[u8]) -> String {
+/// A PNG as it stands.
+pub(super) fn data_uri(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", base64(png))
 }
 

@@ -1,10 +1,15 @@
 //! Results as one self-contained HTML page: what was fitted, how well it reproduces the
-//! observation, and what the parameters look like on the object.
+//! observation, and what the parameters look like on the object. A registration has a page of its own.
 
 mod charts;
 mod embed;
+mod overlay;
 mod page;
+mod registration;
 mod views;
+
+pub use overlay::write_overlay;
+pub use registration::{RegistrationPage, registration_text, write_registration_page};
 
 use std::path::{Path, PathBuf};
 

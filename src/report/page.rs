@@ -11,7 +11,7 @@ use crate::compare::SequenceErrors;
 use crate::export::PointTable;
 use crate::image::ToneCurve;
 
-const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;\
+pub(super) const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;\
 padding:0 1em;color:#222}h1{font-size:1.5em}h2{font-size:1.15em;margin-top:2em}\
 table{border-collapse:collapse}td,th{padding:.2em .8em .2em 0;text-align:left;vertical-align:top}\
 figure{display:inline-block;margin:.4em .8em .4em 0;vertical-align:top}figcaption{font-size:.85em}\

@@ -219,6 +219,28 @@ impl Camera {
         self.project_from_camera(self.world_from_camera.transpose() * (point - self.position))
     }
 
+    /// Pixel coordinates of a world point and their derivatives by it, pixels per scene unit, world
+    /// frame; `None` behind the camera.
+    pub fn project_with_slopes(&self, point: DVec3) -> Option<(DVec2, [DVec3; 2])> {
+        let axes = &self.world_from_camera;
+        let (right, down, forward) = (axes.x_axis, axes.y_axis, axes.z_axis);
+        let offset = point - self.position;
+        let depth = offset.dot(forward);
+        let pixel = self.project(point)?;
+        let ideal = DVec2::new(offset.dot(right), offset.dot(down)) / depth;
+        let of_x = (right - ideal.x * forward) / depth;
+        let of_y = (down - ideal.y * forward) / depth;
+        let [xx, xy, yy] = self.distortion.slopes(ideal);
+        let k = &self.intrinsics;
+        Some((
+            pixel,
+            [
+                k.fx * (xx * of_x + xy * of_y),
+                k.fy * (xy * of_x + yy * of_y),
+            ],
+        ))
+    }
+
     /// Pixel coordinates of a point given along the camera's axes (right, down, forward).
     pub fn project_from_camera(&self, point: DVec3) -> Option<DVec2> {
         if point.z <= 0.0 {
@@ -243,6 +265,18 @@ impl Distortion {
         )
     }
 
+    /// The symmetric derivative `[∂x'/∂x, ∂x'/∂y = ∂y'/∂x, ∂y'/∂y]` of [`Distortion::distort`].
+    fn slopes(&self, p: DVec2) -> [f64; 3] {
+        let r2 = p.length_squared();
+        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        let slope = self.k1 + r2 * (2.0 * self.k2 + 3.0 * r2 * self.k3);
+        [
+            radial + 2.0 * p.x * p.x * slope + 2.0 * self.p1 * p.y + 6.0 * self.p2 * p.x,
+            2.0 * (p.x * p.y * slope + self.p1 * p.x + self.p2 * p.y),
+            radial + 2.0 * p.y * p.y * slope + 6.0 * self.p1 * p.y + 2.0 * self.p2 * p.x,
+        ]
+    }
+
     /// Distorted to ideal normalised coordinates, by Newton's method with the exact Jacobian.
     pub fn undistort(&self, distorted: DVec2) -> DVec2 {
         if *self == Self::default() {
@@ -251,12 +285,7 @@ impl Distortion {
         let mut p = distorted;
         for _ in 0..20 {
             let residual = self.distort(p) - distorted;
-            let r2 = p.length_squared();
-            let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
-            let slope = self.k1 + r2 * (2.0 * self.k2 + 3.0 * r2 * self.k3);
-            let cross = 2.0 * (p.x * p.y * slope + self.p1 * p.x + self.p2 * p.y);
-            let a = radial + 2.0 * p.x * p.x * slope + 2.0 * self.p1 * p.y + 6.0 * self.p2 * p.x;
-            let d = radial + 2.0 * p.y * p.y * slope + 6.0 * self.p1 * p.y + 2.0 * self.p2 * p.x;
+            let [a, cross, d] = self.slopes(p);
             let determinant = a * d - cross * cross;
             if determinant.abs() < 1e-12 {
                 break;
@@ -342,6 +371,23 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn projection_slopes_match_finite_differences(
+            x in -0.8f64..0.8, y in -0.6f64..0.6, z in -0.5f64..0.5, k1 in -0.2f64..0.2, p1 in -0.01f64..0.01,
+        ) {
+            let camera = camera(Distortion { k1, k2: 0.05, p1, p2: -0.5 * p1, k3: 0.01 });
+            let point = DVec3::new(x, y, z);
+            let (pixel, slopes) = camera.project_with_slopes(point).unwrap();
+            prop_assert_eq!(pixel, camera.project(point).unwrap());
+            for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+                let h = 1e-6;
+                let difference = (camera.project(point + h * axis).unwrap()
+                    - camera.project(point - h * axis).unwrap()) / (2.0 * h);
+                let slope = DVec2::new(slopes[0].dot(axis), slopes[1].dot(axis));
+                prop_assert!((slope - difference).length() < 1e-5 * (1.0 + slope.length()));
+            }
+        }
+
         #[test]
         fn project_inverts_direction(px in 0.0f64..640.0, py in 0.0f64..480.0, k1 in -0.2f64..0.2, p1 in -0.01f64..0.01) {
             let camera = camera(Distortion { k1, k2: 0.05, p1, p2: -0.5 * p1, k3: 0.0 });

@@ -8,6 +8,7 @@ mod corner_file;
 mod import;
 mod lens;
 mod orbit;
+pub mod registration;
 mod view;
 
 pub use calibration::{

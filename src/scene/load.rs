@@ -128,11 +128,11 @@ fn folder_of(file: &Path) -> &Path {
     file.parent().unwrap_or(Path::new(""))
 }
 
-fn read(file: &Path) -> Result<String, SceneError> {
+pub(super) fn read(file: &Path) -> Result<String, SceneError> {
     std::fs::read_to_string(file).map_err(|source| Problem::Read { source }.in_file(file))
 }
 
-fn syntax(text: &str) -> Checked<Table> {
+pub(super) fn syntax(text: &str) -> Checked<Table> {
     text.parse::<Table>().map_err(|error| {
         let start = error.span().map_or(0, |span| span.start).min(text.len());
         let before = text.get(..start).unwrap_or("");

@@ -14,6 +14,8 @@
 //! | `[sensor]` | `full_well_electrons`, `read_noise_electrons`, `bits`; `exposure` (1) |
 //! | `[[frames]]` | of a capture: `image`, `angle_deg`; `mask` (none), `exposure` (1) |
 //!
+//! A file of clicked pairs ([`ClickedPairs`]) has `frame` (0) and `[[pairs]]` with `point` and `pixel`.
+//!
 //! A material parameter is a number (neutral where it is a colour), `[r, g, b]`, the name of an
 //! image looked up by UV, or `"vertex:NAME"`. `ndf` is `"beckmann"`, `"ggx"`, or such a parameter
 //! holding the share of GGX.
@@ -23,6 +25,7 @@ mod error;
 mod load;
 mod material;
 mod material_field;
+mod pairs;
 mod plan;
 mod section;
 mod sections;
@@ -33,6 +36,7 @@ mod write;
 pub use assets::AssetError;
 pub use error::{Problem, SceneError};
 pub use material_field::MaterialField;
+pub use pairs::ClickedPairs;
 pub use plan::{
     Capture, CaptureFrame, MapSource, MaterialSource, ObjectSource, ProbeSource, Scene, Sensor,
     SpecularSource,

@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
-use glam::{DVec2, Vec2};
+use glam::{DVec2, DVec3, Vec2};
+use turnlight::geometry::{Similarity, Turn};
 use turnlight::image::{RgbImage, write_exr};
-use turnlight::rig::Camera;
-use turnlight::scene::{Capture, MaterialField, Scene, Sensor};
+use turnlight::rig::registration::{Clicked, Placement, pose_from_pairs};
+use turnlight::rig::{Camera, Distortion, Intrinsics};
+use turnlight::scene::{Capture, ClickedPairs, MaterialField, Scene, Sensor};
 
 use super::mutate::Form;
 use super::room::{FLAT, TWO_PACKED};
@@ -87,6 +89,53 @@ fn capture_toml_is_read_or_refused() {
             inputs: 6_000,
         },
         named,
+        read,
+    );
+}
+
+#[test]
+fn clicked_pairs_are_read_or_refused() {
+    let read = |path: &Path| {
+        let clicked = ClickedPairs::load(path).map_err(|e| e.to_string())?;
+        assert!(!clicked.pairs.is_empty(), "pairs");
+        let finite = |p: &Clicked| p.point.is_finite() && p.pixel.is_finite();
+        assert!(clicked.pairs.iter().all(finite), "{clicked:?}");
+        // Whatever was clicked, a pose that is found is one.
+        let camera = Camera::looking_at(
+            (64, 48),
+            Intrinsics::from_fov_x(64, 48, 0.6),
+            Distortion::default(),
+            DVec3::new(0.0, 0.5, 4.0),
+            DVec3::ZERO,
+            DVec3::Y,
+        );
+        let given = Placement {
+            object_from_file: Similarity::default(),
+            turn: Turn {
+                axis: DVec3::Y,
+                center: DVec3::ZERO,
+            },
+            angles: vec![0.0],
+        };
+        if let Ok(found) = pose_from_pairs(&camera.unwrap(), &given, 0.3, &clicked.pairs) {
+            let pose = found.object_from_file;
+            assert!(
+                pose.rotation.is_normalized() && pose.translation.is_finite() && found.rms.is_finite(),
+                "{found:?}"
+            );
+        }
+        Ok(())
+    };
+    fuzz(
+        Parser {
+            name: "pairs",
+            file: "pairs.toml",
+            form: Form::Text,
+            seeds: seeds::pairs(),
+            room: FLAT,
+            inputs: 2_000,
+        },
+        |_| (),
         read,
     );
 }
