@@ -43,7 +43,7 @@ pub(super) fn sigmas(covariance: &Matrix, unknown: &[Step], free: &[usize], pose
         middle: pose.middle().to_array(),
         axis: [6, 7].map(sigma),
         center: [8, 9].map(|i| size * sigma(i)),
-        across: pose.across().map(DVec3::to_array),
+        across: pose.across().map(|u| u.to_array()),
     }
 }
 

@@ -13,25 +13,25 @@ use crate::rig::{Camera, Distortion, Intrinsics, View};
 /// A camera, an object and its turntable, and how they look.
 pub(super) struct Rig {
     pub(super) camera: Camera,
-    load: Box<dyn Fn(&Similarity) -> Mesh>,
+    load: Box<dyn Fn(&Similarity) -> Mesh + Sync>,
     pub(super) mesh: Mesh,
     accel: Accel,
     pub(super) truth: Placement,
 }
 
-pub(super) fn shipped(name: &'static str) -> Box<dyn Fn(&Similarity) -> Mesh> {
+pub(super) fn shipped(name: &'static str) -> Box<dyn Fn(&Similarity) -> Mesh + Sync> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/meshes");
     Box::new(move |pose| Mesh::load(&folder.join(name), pose, LoadOptions::default()).unwrap().0)
 }
 
-pub(super) fn made(surface: fn() -> Surface) -> Box<dyn Fn(&Similarity) -> Mesh> {
+pub(super) fn made(surface: fn() -> Surface) -> Box<dyn Fn(&Similarity) -> Mesh + Sync> {
     Box::new(move |pose| {
         Mesh::from_surface(surface(), pose, LoadOptions::default(), Path::new("made")).unwrap().0
     })
 }
 
 impl Rig {
-    pub(super) fn new(load: Box<dyn Fn(&Similarity) -> Mesh>, pixels: usize, frames: usize) -> Self {
+    pub(super) fn new(load: Box<dyn Fn(&Similarity) -> Mesh + Sync>, pixels: usize, frames: usize) -> Self {
         let mesh = load(&Similarity::default());
         let accel = Accel::build(&mesh.positions, &mesh.triangles);
         let camera = Camera::looking_at(
