@@ -28,7 +28,15 @@ fn rendered(folder: &Path, mesh: &str) -> PathBuf {
     let path = folder.join("scene.toml");
     std::fs::write(&path, scene).unwrap();
     let capture = folder.join("capture");
-    succeeds(&["render", text(&path), "--out", text(&capture), "--spp", "16", "--quiet"]);
+    succeeds(&[
+        "render",
+        text(&path),
+        "--out",
+        text(&capture),
+        "--spp",
+        "16",
+        "--quiet",
+    ]);
     let sound = std::fs::read_to_string(capture.join("capture.toml")).unwrap();
     let rough = sound
         .replace(
@@ -37,26 +45,34 @@ fn rendered(folder: &Path, mesh: &str) -> PathBuf {
         )
         .replace("axis = [0.0, 1.0, 0.0]", "axis = [0.05, 1.0, -0.06]")
         .replace("center = [0.0, 0.0, 0.0]", "center = [-0.05, 0.0, 0.07]");
-    assert!(rough.contains("rotation = [2.0") && rough.contains("axis = [0.05") && rough.contains("[-0.05"));
+    assert!(
+        rough.contains("rotation = [2.0")
+            && rough.contains("axis = [0.05")
+            && rough.contains("[-0.05")
+    );
     std::fs::write(capture.join("rough.toml"), rough).unwrap();
     capture
 }
 
 /// Largest distance, pixels, between where two captures show points of the mesh.
 fn apart(a: &Capture, b: &Capture) -> f64 {
-    let (mesh, _) = turnlight::mesh::Mesh::load(
-        &a.object.mesh,
-        &Default::default(),
-        Default::default(),
-    )
-    .unwrap();
+    let (mesh, _) =
+        turnlight::mesh::Mesh::load(&a.object.mesh, &Default::default(), Default::default())
+            .unwrap();
     let mut most = 0.0f64;
     for (f, g) in a.frames.iter().zip(&b.frames) {
         for position in mesh.positions.iter().step_by(50) {
             let point = mesh.to_object(*position);
             let pixel = |capture: &Capture, angle: f64| {
-                let placed = capture.object.object_from_file.affine().transform_point3(point);
-                let world = capture.turn.world_from_object(angle).transform_point3(placed);
+                let placed = capture
+                    .object
+                    .object_from_file
+                    .affine()
+                    .transform_point3(point);
+                let world = capture
+                    .turn
+                    .world_from_object(angle)
+                    .transform_point3(placed);
                 capture.camera.project(world).unwrap()
             };
             most = most.max(pixel(a, f.angle).distance(pixel(b, g.angle)));
@@ -77,12 +93,27 @@ fn a_rough_capture_becomes_one_that_fit_reads() {
     // The same bytes from any number of threads, beside the input, which stays.
     let at = |threads: &str| folder.path().join(format!("out{threads}"));
     for threads in ["1", "2", "5"] {
-        let words = ["register", text(&rough), "--out", text(&at(threads)), "--threads", threads];
-        succeeds(&words);
+        let out = at(threads);
+        succeeds(&[
+            "register",
+            text(&rough),
+            "--out",
+            text(&out),
+            "--threads",
+            threads,
+        ]);
     }
     let written = |threads: &str, name: &str| std::fs::read(at(threads).join(name)).unwrap();
-    for name in ["capture.toml", "register.json", "register.html", "overlays/0003.png"] {
-        assert!(written("1", name) == written("2", name) && written("1", name) == written("5", name), "{name}");
+    for name in [
+        "capture.toml",
+        "register.json",
+        "register.html",
+        "overlays/0003.png",
+    ] {
+        assert!(
+            written("1", name) == written("2", name) && written("1", name) == written("5", name),
+            "{name}"
+        );
     }
     assert_eq!(std::fs::read(&rough).unwrap(), before);
 
@@ -99,12 +130,27 @@ fn a_rough_capture_becomes_one_that_fit_reads() {
 
     // A fit from there, and the file replaced only when asked.
     let fit = folder.path().join("fit");
-    succeeds(&["fit", text(&at("1")), "--out", text(&fit), "--interreflections", "0", "--quiet"]);
+    succeeds(&[
+        "fit",
+        text(&at("1")),
+        "--out",
+        text(&fit),
+        "--interreflections",
+        "0",
+        "--quiet",
+    ]);
     assert!(fit.join("fit.toml").exists());
     let again = turnlight(&["register", text(&capture), "--out", text(&capture)]);
     assert_eq!(again.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&again.stderr).contains("would be written over"));
-    succeeds(&["register", text(&rough), "--in-place", "--hold", "turntable", "--quiet"]);
+    succeeds(&[
+        "register",
+        text(&rough),
+        "--in-place",
+        "--hold",
+        "turntable",
+        "--quiet",
+    ]);
     let replaced = Capture::load(&rough).unwrap();
     assert!(apart(&truth, &replaced) < 0.3);
     assert_eq!(replaced.turn.center, glam::DVec3::new(-0.05, 0.0, 0.07));
@@ -119,10 +165,14 @@ fn clicked_pairs_replace_a_pose_that_is_not_known() {
     // Points all over the head and where frame 2 shows them, to the pixel.
     let mut pairs = "frame = 2\n".to_owned();
     let (mesh, _) =
-        turnlight::mesh::Mesh::load(&truth.object.mesh, &Default::default(), Default::default()).unwrap();
+        turnlight::mesh::Mesh::load(&truth.object.mesh, &Default::default(), Default::default())
+            .unwrap();
     for position in mesh.positions.iter().step_by(mesh.positions.len() / 8) {
         let point = mesh.to_object(*position);
-        let world = truth.turn.world_from_object(truth.frames[2].angle).transform_point3(point);
+        let world = truth
+            .turn
+            .world_from_object(truth.frames[2].angle)
+            .transform_point3(point);
         let pixel = truth.camera.project(world).unwrap().round();
         pairs += &format!(
             "[[pairs]]\npoint = [{}, {}, {}]\npixel = [{}, {}]\n",
@@ -132,7 +182,9 @@ fn clicked_pairs_replace_a_pose_that_is_not_known() {
     let file = folder.path().join("pairs.toml");
     std::fs::write(&file, &pairs).unwrap();
     let rough = capture.join("rough.toml");
-    let lost = std::fs::read_to_string(&rough).unwrap().replace("[2.0, -3.0, 2.5]", "[100.0, 80.0, -40.0]");
+    let lost = std::fs::read_to_string(&rough)
+        .unwrap()
+        .replace("[2.0, -3.0, 2.5]", "[100.0, 80.0, -40.0]");
     std::fs::write(&rough, lost).unwrap();
     let out = folder.path().join("out");
     let words = ["register", text(&rough), "--out", text(&out)];
@@ -143,16 +195,41 @@ fn clicked_pairs_replace_a_pose_that_is_not_known() {
     // What is wrong with pairs is said by file, key, value and remedy.
     let bad = folder.path().join("bad.toml");
     for (from, to, code, expected) in [
-        ("frame = 2", "frame = 99", 2, "frame = 99: the capture has frames 0 to 7"),
-        ("pixel", "pixle", 2, "pairs[0].pixle: unknown key; did you mean pixel?"),
-        ("frame = 2\n", "frame = 2\n[[pairs]]\npoint = [0, 0, 0]\npixel = [9000, -9000]\n", 1, "no pose suits"),
+        (
+            "frame = 2",
+            "frame = 99",
+            2,
+            "frame = 99: the capture has frames 0 to 7",
+        ),
+        (
+            "pixel",
+            "pixle",
+            2,
+            "pairs[0].pixle: unknown key; did you mean pixel?",
+        ),
+        (
+            "frame = 2\n",
+            "frame = 2\n[[pairs]]\npoint = [0, 0, 0]\npixel = [9000, -9000]\n",
+            1,
+            "no pose suits",
+        ),
     ] {
         std::fs::write(&bad, pairs.replacen(from, to, 1)).unwrap();
         let out = folder.path().join("none");
-        let run = turnlight(&["register", text(&rough), "--out", text(&out), "--pairs", text(&bad)]);
+        let run = turnlight(&[
+            "register",
+            text(&rough),
+            "--out",
+            text(&out),
+            "--pairs",
+            text(&bad),
+        ]);
         let said = String::from_utf8_lossy(&run.stderr);
         assert_eq!(run.status.code(), Some(code), "{said}");
-        assert!(said.contains("bad.toml") && said.contains(expected), "{said}");
+        assert!(
+            said.contains("bad.toml") && said.contains(expected),
+            "{said}"
+        );
         assert!(!out.exists());
     }
 }
@@ -163,7 +240,10 @@ fn input_that_does_not_allow_it_is_named_and_nothing_is_written() {
     let capture = rendered(folder.path(), "cup.ply");
     let mask = capture.join("masks/0003.png");
     let photograph = capture.join("images/0002.exr");
-    let (good_mask, good_photograph) = (std::fs::read(&mask).unwrap(), std::fs::read(&photograph).unwrap());
+    let (good_mask, good_photograph) = (
+        std::fs::read(&mask).unwrap(),
+        std::fs::read(&photograph).unwrap(),
+    );
     let small = Mask {
         width: 12,
         height: 9,
@@ -171,7 +251,8 @@ fn input_that_does_not_allow_it_is_named_and_nothing_is_written() {
     };
     let run = |more: &[&str]| {
         let out = folder.path().join("out");
-        let run = turnlight(&[&["register", text(&capture), "--out", text(&out)], more].concat());
+        let words = ["register", text(&capture), "--out", text(&out)];
+        let run = turnlight(&[&words[..], more].concat());
         let said = String::from_utf8_lossy(&run.stderr).into_owned();
         assert!(!said.contains("panicked"), "{said}");
         let code = run.status.code().unwrap();
@@ -185,10 +266,16 @@ fn input_that_does_not_allow_it_is_named_and_nothing_is_written() {
     assert!(code == 2 && said.contains("0003.png"), "{code} {said}");
     small.write(&mask).unwrap();
     let (code, said) = run(&[]);
-    assert!(code == 2 && said.contains("0003.png: is 12 x 9, the camera 96 x 96"), "{code} {said}");
+    assert!(
+        code == 2 && said.contains("0003.png: is 12 x 9, the camera 96 x 96"),
+        "{code} {said}"
+    );
     std::fs::remove_file(&mask).unwrap();
     let (code, said) = run(&[]);
-    assert!(code == 2 && said.contains("frames[3].mask") && said.contains("no such file"), "{code} {said}");
+    assert!(
+        code == 2 && said.contains("frames[3].mask") && said.contains("no such file"),
+        "{code} {said}"
+    );
     std::fs::write(&mask, &good_mask).unwrap();
     std::fs::write(&photograph, &good_photograph[..200]).unwrap();
     let (code, said) = run(&[]);
@@ -197,7 +284,10 @@ fn input_that_does_not_allow_it_is_named_and_nothing_is_written() {
 
     // A body of revolution: exit 1 and what helps, or as asked.
     let (code, said) = run(&[]);
-    assert!(code == 1 && said.contains("turning the object about [0, 1, 0]"), "{code} {said}");
+    assert!(
+        code == 1 && said.contains("turning the object about [0, 1, 0]"),
+        "{code} {said}"
+    );
     assert!(said.contains("--keep-unknown"), "{said}");
     let (code, said) = run(&["--search", "0"]);
     assert!(code == 2 && said.contains("1 to 65536"), "{code} {said}");
@@ -211,8 +301,13 @@ fn input_that_does_not_allow_it_is_named_and_nothing_is_written() {
             height: SIDE,
             pixels: vec![0; SIDE * SIDE],
         };
-        blank.write(&capture.join(format!("masks/{number:04}.png"))).unwrap();
+        blank
+            .write(&capture.join(format!("masks/{number:04}.png")))
+            .unwrap();
     }
     let (code, said) = run(&[]);
-    assert!(code == 1 && said.contains("0000.png: no pixel"), "{code} {said}");
+    assert!(
+        code == 1 && said.contains("0000.png: no pixel"),
+        "{code} {said}"
+    );
 }

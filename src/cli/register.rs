@@ -35,7 +35,10 @@ pub(super) fn run(arguments: &Register, common: &Common) -> Result<(), Failure> 
     let (mesh, report) = start.object.load()?;
     if !report.to_string().trim().is_empty() {
         let path = capture.object.mesh.display();
-        note(common, &format!("note: {path}: {}", report.to_string().trim()));
+        note(
+            common,
+            &format!("note: {path}: {}", report.to_string().trim()),
+        );
     }
     let accel = Accel::build(&mesh.positions, &mesh.triangles);
 
@@ -76,7 +79,10 @@ pub(super) fn run(arguments: &Register, common: &Common) -> Result<(), Failure> 
     }
     say(registration_text(&page).trim_end());
     let seconds = started.elapsed().as_secs_f64();
-    note(common, &format!("{}: written; {seconds:.1} s", out.display()));
+    note(
+        common,
+        &format!("{}: written; {seconds:.1} s", out.display()),
+    );
     write_stats(
         common,
         &json!({ "seconds": seconds, "rounds": registered.rounds, "registration": page.json() }),
@@ -176,7 +182,9 @@ fn observe(
         return Err(Failure::Data(anyhow::anyhow!(
             "{}: no pixel of it or any other mask is 128 or more; a mask is 255 where the object is: write \
              them again, or use the photographs with --no-masks",
-            first.map(|path| path.display().to_string()).unwrap_or_default()
+            first
+                .map(|path| path.display().to_string())
+                .unwrap_or_default()
         )));
     }
     let border = match arguments.mask_border {
@@ -234,7 +242,9 @@ fn refused(source: &Path, error: RegistrationError) -> Failure {
 fn held(arguments: &Register) -> Vec<&'static str> {
     let mut held = match arguments.hold {
         HoldName::Camera => vec!["the camera's pose", "the centre's place along the axis"],
-        HoldName::Turntable => vec!["the turntable's axis and centre"],
+        HoldName::Turntable => {
+            vec!["the turntable's axis and centre (standard deviations are relative to the camera)"]
+        }
     };
     held.push("the camera's lens");
     held.push("the object's scale");
@@ -272,8 +282,11 @@ fn write(
     let overlays = out.join("overlays");
     std::fs::create_dir_all(&overlays).map_err(|source| Failure::write(&overlays, source))?;
     let bar = bar(common, "overlays", capture.frames.len());
-    for (number, (frame, agreement)) in
-        capture.frames.iter().zip(&page.registered.frames).enumerate()
+    for (number, (frame, agreement)) in capture
+        .frames
+        .iter()
+        .zip(&page.registered.frames)
+        .enumerate()
     {
         let photograph = RgbImage::read(&frame.image)?;
         let path = overlays.join(format!("{number:04}.png"));

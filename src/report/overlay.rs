@@ -63,9 +63,18 @@ pub fn write_overlay(
 /// The photograph at half its brightness, each pixel a square of `factor` pixels.
 fn dimmed(photograph: &RgbImage, factor: usize) -> Vec<[u8; 3]> {
     let peak = |p: &[f32; 3]| p[0].max(p[1]).max(p[2]);
-    let mut peaks: Vec<f32> = photograph.pixels.iter().map(peak).filter(|&v| v > 0.0).collect();
+    let mut peaks: Vec<f32> = photograph
+        .pixels
+        .iter()
+        .map(peak)
+        .filter(|&v| v > 0.0)
+        .collect();
     let white = quantile(&mut peaks, 0.99);
-    let exposure = if white > 0.0 { 1.0 / f64::from(white) } else { 1.0 };
+    let exposure = if white > 0.0 {
+        1.0 / f64::from(white)
+    } else {
+        1.0
+    };
     let curve = ToneCurve { exposure };
     let width = factor * photograph.width;
     (0..width * factor * photograph.height)

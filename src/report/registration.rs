@@ -104,7 +104,13 @@ impl RegistrationPage<'_> {
         vec![
             Row {
                 name: "object: rotation, degrees",
-                value: triple(pose.rotation.to_scaled_axis().to_array().map(f64::to_degrees), 4),
+                value: triple(
+                    pose.rotation
+                        .to_scaled_axis()
+                        .to_array()
+                        .map(f64::to_degrees),
+                    4,
+                ),
                 sigma: deviations(&sigma.rotation.map(f64::to_degrees)),
             },
             Row {
@@ -157,7 +163,10 @@ fn deviation(sigma: f64) -> String {
 }
 
 fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    path.file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
 }
 
 /// What a registration found, in words.
@@ -172,7 +181,11 @@ pub fn registration_text(page: &RegistrationPage<'_>) -> String {
         let _ = writeln!(text, "  undetermined, kept as given: {unknown}");
     }
     for (number, frame) in page.disagreeing() {
-        let _ = writeln!(text, "  frame {number} disagrees: {}", frame.disagrees.join("; "));
+        let _ = writeln!(
+            text,
+            "  frame {number} disagrees: {}",
+            frame.disagrees.join("; ")
+        );
     }
     text
 }
@@ -193,7 +206,11 @@ pub fn write_registration_page(
 
 fn render(overlays: &Path, page: &RegistrationPage<'_>) -> io::Result<String> {
     let frames = &page.registered.frames;
-    let mut shown: Vec<usize> = page.disagreeing().map(|(number, _)| number).take(SHOWN / 2).collect();
+    let mut shown: Vec<usize> = page
+        .disagreeing()
+        .map(|(number, _)| number)
+        .take(SHOWN / 2)
+        .collect();
     let rest = SHOWN.min(frames.len()) - shown.len().min(frames.len());
     shown.extend((0..rest).map(|i| i * frames.len() / rest));
     shown.sort_unstable();
@@ -249,7 +266,8 @@ fn render(overlays: &Path, page: &RegistrationPage<'_>) -> io::Result<String> {
 }
 
 fn table(page: &RegistrationPage<'_>) -> Markup {
-    let number = |x: Option<f64>, digits: usize| x.map_or("–".to_owned(), |x| format!("{x:.digits$}"));
+    let number =
+        |x: Option<f64>, digits: usize| x.map_or("–".to_owned(), |x| format!("{x:.digits$}"));
     html! {
         table {
             tr {

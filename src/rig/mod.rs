@@ -1,4 +1,5 @@
 //! The measuring rig: camera models, their calibration and import, and the turntable's poses.
+//! The measuring rig: camera models, the turntable's poses, and where object and turntable stand.
 
 mod arrow;
 mod calibration;

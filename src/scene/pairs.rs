@@ -97,16 +97,40 @@ mod tests {
     #[test]
     fn every_error_names_file_key_value_and_remedy() {
         for (from, to, expected) in [
-            ("pixel = [10", "pixle = [10", "pairs.toml: pairs[0].pixle: unknown key; did you mean pixel?"),
-            ("pixel = [10, 20.5]", "", "pairs.toml: pairs[0].pixel: missing; add [column, row]"),
-            ("[10, 20.5]", "[10]", "pairs.toml: pairs[0].pixel = [10]: must be an array of 2 numbers"),
-            ("[10, 20.5]", "[nan, 1]", "pairs.toml: pairs[0].pixel[0] = nan: must be a finite number"),
-            ("frame = 2", "frame = -1", "pairs.toml: frame = -1: must be a whole number from 0 to 999999"),
+            (
+                "pixel = [10",
+                "pixle = [10",
+                "pairs.toml: pairs[0].pixle: unknown key; did you mean pixel?",
+            ),
+            (
+                "pixel = [10, 20.5]",
+                "",
+                "pairs.toml: pairs[0].pixel: missing; add [column, row]",
+            ),
+            (
+                "[10, 20.5]",
+                "[10]",
+                "pairs.toml: pairs[0].pixel = [10]: must be an array of 2 numbers",
+            ),
+            (
+                "[10, 20.5]",
+                "[nan, 1]",
+                "pairs.toml: pairs[0].pixel[0] = nan: must be a finite number",
+            ),
+            (
+                "frame = 2",
+                "frame = -1",
+                "pairs.toml: frame = -1: must be a whole number from 0 to 999999",
+            ),
             ("frame = 2", "frame = ", "pairs.toml:1:"),
         ] {
             let error = parse(&PAIRS.replace(from, to)).unwrap_err();
             assert!(error.starts_with(expected), "{error}");
         }
-        assert!(parse("frame = 1").unwrap_err().contains("pairs: missing; add a section [[pairs]]"));
+        assert!(
+            parse("frame = 1")
+                .unwrap_err()
+                .contains("pairs: missing; add a section [[pairs]]")
+        );
     }
 }

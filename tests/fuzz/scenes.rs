@@ -120,7 +120,9 @@ fn clicked_pairs_are_read_or_refused() {
         if let Ok(found) = pose_from_pairs(&camera.unwrap(), &given, 0.3, &clicked.pairs) {
             let pose = found.object_from_file;
             assert!(
-                pose.rotation.is_normalized() && pose.translation.is_finite() && found.rms.is_finite(),
+                pose.rotation.is_normalized()
+                    && pose.translation.is_finite()
+                    && found.rms.is_finite(),
                 "{found:?}"
             );
         }

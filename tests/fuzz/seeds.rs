@@ -346,13 +346,21 @@ pub(crate) fn capture() -> Vec<Vec<u8>> {
 pub(crate) fn pairs() -> Vec<Vec<u8>> {
     let points = "[[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0.5]]";
     let inline = "pairs = [{ point = [0.1, 0, 0], pixel = [3, 4.5] }]\n";
-    let pixels = [[32.0, 24.0], [50.1, 24.0], [32.0, 7.9], [32.0, 26.0], [51.0, 8.2]];
+    let pixels = [
+        [32.0, 24.0],
+        [50.1, 24.0],
+        [32.0, 7.9],
+        [32.0, 26.0],
+        [51.0, 8.2],
+    ];
     let mut text = format!("# {points}\nframe = 1\n");
     for (i, [u, v]) in pixels.iter().enumerate() {
         let bit = |b: usize| u8::from(i == b || i == 4);
         text += &format!(
             "[[pairs]]\npoint = [{}, {}, {}.0]\npixel = [{u}, {v}]\n",
-            bit(1), bit(2), u8::from(i == 3)
+            bit(1),
+            bit(2),
+            u8::from(i == 3)
         );
     }
     vec![text.into(), inline.into()]

@@ -2,9 +2,9 @@
 
 use glam::DVec2;
 
+use super::FrameAgreement;
 use super::border::Observed;
 use super::contour::Contours;
-use super::FrameAgreement;
 use crate::rig::View;
 
 /// Places of the grid on which masks and mesh are compared, at most.

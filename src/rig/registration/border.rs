@@ -37,7 +37,19 @@ impl MaskBorder {
     fn inset(self, outward: DVec2) -> f64 {
         match self {
             Self::Whole => 0.5 * (outward.x.abs() + outward.y.abs()),
-            Self::Coverage | Self::Half => 0.0,
+            // A share is rounded down, by half a step of 255 in the mean, in every pixel that the border
+            // crosses: these reach over |n_x| + |n_y| pixels.
+            Self::Coverage => (outward.x.abs() + outward.y.abs()) / 510.0,
+            Self::Half => 0.0,
+        }
+    }
+
+    /// How far all borders may be off together, pixels: nobody knows whether a share was rounded down or to
+    /// the nearest; and on borders that curve, whole pixels and centres were 0.02 pixels off in the mean.
+    fn doubt(self, outward: DVec2) -> f64 {
+        match self {
+            Self::Coverage => (outward.x.abs() + outward.y.abs()) / 510.0,
+            Self::Whole | Self::Half => 0.02,
         }
     }
 }
@@ -46,8 +58,25 @@ impl MaskBorder {
 /// 0.7 to either side, and as much again goes to interpolation.
 const INTEGRATED: f64 = 1.75;
 
+/// Steps of the search for a border, and of that sum, in pixels of a level. Interpolation has kinks, which
+/// steps of a quarter misjudge by 0.005 pixels all along a border that runs with the pixels.
+const SEARCHED: f64 = 0.25;
+const SUMMED: f64 = 0.0625;
+
 /// How near to 0 and 1 the ends of that line must be: the eye of a needle is no border.
 const SATURATED: f64 = 0.05;
+
+/// Where a border was found.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Border {
+    /// Pixels along the outward normal.
+    pub(super) distance: f64,
+    /// Standard deviation, pixels, of what all borders of its kind may be off by together.
+    pub(super) doubt: f64,
+}
+
+/// How far lens and sensor may spread a photograph's light over all borders, pixels.
+const SPILL: f64 = 0.1;
 
 /// What is known of one frame.
 #[derive(Clone, Debug)]
@@ -93,8 +122,7 @@ impl Observed {
         Self { mask, photograph }
     }
 
-    /// Signed distance, pixels along the unit vector `outward`, from `pixel` to the nearest border within
-    /// `range`, searched at a level.
+    /// The border nearest to `pixel` along the unit vector `outward`, within `range`, searched at a level.
     pub(super) fn border(
         &self,
         level: usize,
@@ -102,7 +130,7 @@ impl Observed {
         outward: DVec2,
         range: f64,
         outer: bool,
-    ) -> Option<f64> {
+    ) -> Option<Border> {
         match (&self.mask, &self.photograph) {
             (Some((border, levels)), _) if outer => {
                 let found = levels[level.min(COARSEST)].falls(
@@ -112,14 +140,20 @@ impl Observed {
                     range,
                 )?;
                 // The bias is of whole pixels: reductions only blur it.
-                Some(found + border.inset(outward))
+                Some(Border {
+                    distance: found + border.inset(outward),
+                    doubt: border.doubt(outward),
+                })
             }
-            (_, Some(levels)) => levels[level.min(COARSEST)].steepest(
-                (1u64 << level) as f64,
-                pixel,
-                outward,
-                range,
-            ),
+            (_, Some(levels)) => {
+                let pixels = (1u64 << level) as f64;
+                let distance =
+                    levels[level.min(COARSEST)].steepest(pixels, pixel, outward, range)?;
+                Some(Border {
+                    distance,
+                    doubt: SPILL,
+                })
+            }
             _ => None,
         }
     }
@@ -134,7 +168,8 @@ impl Observed {
     pub(super) fn extent(&self) -> Option<f64> {
         let (_, levels) = self.mask.as_ref()?;
         let level = &levels[0];
-        let covered = |i: &usize| level.at((i % level.width) as isize, (i / level.width) as isize) >= 0.5;
+        let covered =
+            |i: &usize| level.at((i % level.width) as isize, (i / level.width) as isize) >= 0.5;
         let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
         for i in (0..level.width * level.height).filter(covered) {
             let (x, y) = (i % level.width, i / level.width);
@@ -175,7 +210,9 @@ impl Level {
             width,
             height,
             samples: match self.samples {
-                Samples::Share(_) => Samples::Share(means.map(|m| (255.0 * m).round() as u8).collect()),
+                Samples::Share(_) => {
+                    Samples::Share(means.map(|m| (255.0 * m).round() as u8).collect())
+                }
                 Samples::Luminance(_) => Samples::Luminance(means.map(|m| m as f32).collect()),
             },
         }
@@ -208,15 +245,16 @@ impl Level {
         Some(upper * (1.0 - share.y) + lower * share.y)
     }
 
-    /// Samples along a line, a quarter of a pixel of this level apart: offsets in pixels, and values.
+    /// Samples along a line, `step` pixels of this level apart: offsets in pixels, and values.
     fn profile(
         &self,
         pixels: f64,
         pixel: DVec2,
         outward: DVec2,
         range: f64,
+        step: f64,
     ) -> Vec<(f64, Option<f64>)> {
-        let step = 0.25 * pixels;
+        let step = step * pixels;
         let count = (range / step).ceil() as i32;
         (-count..=count)
             .map(|i| {
@@ -233,7 +271,7 @@ impl Level {
     /// tenth of a pixel with the border's phase. Where inside and outside are not both reached within `r`,
     /// as in a corner, ½ must do.
     fn falls(&self, pixels: f64, pixel: DVec2, outward: DVec2, range: f64) -> Option<f64> {
-        let profile = self.profile(pixels, pixel, outward, range);
+        let profile = self.profile(pixels, pixel, outward, range, SEARCHED);
         let crossing = |pair: &[(f64, Option<f64>)]| {
             let ((from, Some(high)), (to, Some(low))) = (pair[0], pair[1]) else {
                 return None;
@@ -245,7 +283,7 @@ impl Level {
             .filter_map(crossing)
             .min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
         let radius = INTEGRATED * pixels;
-        let around = self.profile(pixels, pixel + half * outward, outward, radius);
+        let around = self.profile(pixels, pixel + half * outward, outward, radius, SUMMED);
         let shares: Option<Vec<f64>> = around.iter().map(|(_, share)| *share).collect();
         let Some([first, .., last]) = shares.as_deref() else {
             return Some(half);
@@ -255,7 +293,7 @@ impl Level {
         }
         // Trapezoids; the ends are 1 and 0.
         let sum = shares.iter().flatten().sum::<f64>() - 0.5 * (first + last);
-        Some(half - radius + 0.25 * pixels * sum)
+        Some(half - radius + SUMMED * pixels * sum)
     }
 
     /// The place where the luminance changes most, or a nearer one where it changes more than half as
@@ -264,12 +302,15 @@ impl Level {
         // A neighbour on either side along the border halves the noise.
         let aside = pixels * outward.perp();
         let lines = [-1.0, 0.0, 1.0]
-            .map(|share| self.profile(pixels, pixel + share * aside, outward, range));
+            .map(|share| self.profile(pixels, pixel + share * aside, outward, range, SEARCHED));
         let value = |i: usize| Some((lines[0][i].1? + lines[1][i].1? + lines[2][i].1?) / 3.0);
         // Central differences over one pixel of the level.
         let count = lines[0].len();
         let slope = |i: usize| -> Option<f64> {
-            Some((value(i.checked_add(2).filter(|&j| j < count)?)? - value(i.checked_sub(2)?)?).abs())
+            Some(
+                (value(i.checked_add(2).filter(|&j| j < count)?)? - value(i.checked_sub(2)?)?)
+                    .abs(),
+            )
         };
         let slopes: Vec<Option<f64>> = (0..count).map(slope).collect();
         let most = slopes.iter().flatten().copied().fold(0.0, f64::max);
@@ -283,7 +324,7 @@ impl Level {
             (is_peak && bend > 0.0).then(|| 0.5 * (after - before) / bend)
         };
         (1..count.saturating_sub(1))
-            .filter_map(|i| Some(lines[0][i].0 + 0.25 * pixels * peak(&slopes[i - 1..=i + 1])?))
+            .filter_map(|i| Some(lines[0][i].0 + SEARCHED * pixels * peak(&slopes[i - 1..=i + 1])?))
             .min_by(|a, b| a.abs().total_cmp(&b.abs()))
     }
 }

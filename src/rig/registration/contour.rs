@@ -70,14 +70,15 @@ impl<'a> Contours<'a> {
         let eye = view.position();
         let facing: Vec<bool> = (self.mesh.triangles.iter())
             .zip(&self.facets)
-            .map(|(corners, facet)| {
-                facet.dot(eye - self.mesh.positions[corners[0] as usize]) > 0.0
-            })
+            .map(|(corners, facet)| facet.dot(eye - self.mesh.positions[corners[0] as usize]) > 0.0)
             .collect();
         let faces = |triangle: u32| facing[triangle as usize];
         let mut points = Vec::new();
         for edge in &self.edges {
-            if edge.other.is_some_and(|other| faces(other) == faces(edge.triangle)) {
+            if edge
+                .other
+                .is_some_and(|other| faces(other) == faces(edge.triangle))
+            {
                 continue;
             }
             let ends = edge.vertices.map(|v| self.mesh.positions[v as usize]);
@@ -137,13 +138,10 @@ impl<'a> Contours<'a> {
     ) -> Option<DVec2> {
         let corners = self.mesh.triangle_positions(triangle);
         let projected = corners.map(|corner| view.project(corner));
-        projected
-            .into_iter()
-            .flatten()
-            .max_by(|a, b| {
-                let distance = |p: &DVec2| along.perp_dot(*p - from).abs();
-                distance(a).total_cmp(&distance(b))
-            })
+        projected.into_iter().flatten().max_by(|a, b| {
+            let distance = |p: &DVec2| along.perp_dot(*p - from).abs();
+            distance(a).total_cmp(&distance(b))
+        })
     }
 
     /// The point with its pixel, if it is on the outline and inside the image.

@@ -47,7 +47,10 @@ fn outlines_lead_back_from_5_degrees_and_5_percent() {
 fn masks_of_whole_pixels_are_not_taken_for_smaller_objects() {
     let (rig, mut random) = suzanne(128, 12, 3);
     let masks = rig.masks(true);
-    assert_eq!(MaskBorder::of(&masks.iter().collect::<Vec<_>>()), MaskBorder::Whole);
+    assert_eq!(
+        MaskBorder::of(&masks.iter().collect::<Vec<_>>()),
+        MaskBorder::Whole
+    );
     let start = rig.off(&mut random, 5.0, 0.05);
     let found = rig.register(&start, &masks, &Settings::default()).unwrap();
     let errors = rig.errors(&found.placement);
@@ -57,7 +60,9 @@ fn masks_of_whole_pixels_are_not_taken_for_smaller_objects() {
         .iter()
         .map(|mask| Observed::new(Some((mask, MaskBorder::Half)), None))
         .collect();
-    let found = rig.register_observed(&start, &wrong, &Settings::default()).unwrap();
+    let found = rig
+        .register_observed(&start, &wrong, &Settings::default())
+        .unwrap();
     assert!(rig.errors(&found.placement).most > errors.most + 0.3);
 }
 
@@ -65,11 +70,16 @@ fn masks_of_whole_pixels_are_not_taken_for_smaller_objects() {
 fn wrong_pixels_are_outvoted() {
     let (rig, mut random) = suzanne(128, 12, 4);
     let mut masks = rig.masks(false);
-    masks.iter_mut().for_each(|mask| damage(mask, 0.02, &mut random));
+    masks
+        .iter_mut()
+        .for_each(|mask| damage(mask, 0.02, &mut random));
     let start = rig.off(&mut random, 5.0, 0.05);
     let found = rig.register(&start, &masks, &Settings::default()).unwrap();
     let errors = rig.errors(&found.placement);
-    assert!(errors.turn.length().to_degrees() < 0.1 && errors.axis < 0.1, "{errors:?}");
+    assert!(
+        errors.turn.length().to_degrees() < 0.1 && errors.axis < 0.1,
+        "{errors:?}"
+    );
 }
 
 #[test]
@@ -78,7 +88,9 @@ fn a_turn_that_no_outline_shows_is_refused_by_name() {
     let rig = Rig::new(made(cup), 96, 12);
     let masks = rig.masks(false);
     let start = rig.off(&mut random, 2.0, 0.02);
-    let error = rig.register(&start, &masks, &Settings::default()).unwrap_err();
+    let error = rig
+        .register(&start, &masks, &Settings::default())
+        .unwrap_err();
     assert_eq!(
         error.to_string(),
         "the outlines do not change by turning the object about [0, 1, 0]"
@@ -96,11 +108,15 @@ fn a_sphere_has_no_orientation() {
     let rig = Rig::new(made(|| sphere(16)), 96, 12);
     let masks = rig.masks(false);
     let start = rig.off(&mut random, 3.0, 0.03);
-    let error = rig.register(&start, &masks, &Settings::default()).unwrap_err();
+    let error = rig
+        .register(&start, &masks, &Settings::default())
+        .unwrap_err();
     let RegistrationError::Undetermined { unknown } = error else {
         panic!("{error}");
     };
-    let turns = unknown.iter().filter(|words| words.contains("turning the object"));
+    let turns = unknown
+        .iter()
+        .filter(|words| words.contains("turning the object"));
     assert!(turns.count() == 3, "{unknown:?}");
 }
 
@@ -124,7 +140,10 @@ fn one_frame_tells_the_pose_but_not_the_turntable() {
     assert_eq!(found.placement.turn.axis, rig.truth.turn.axis);
     assert_eq!((found.sigma.axis, found.sigma.center), ([0.0; 2], [0.0; 2]));
     let errors = rig.errors(&found.placement);
-    assert!(errors.rms < 0.3 && errors.turn.length().to_degrees() < 0.5, "{errors:?}");
+    assert!(
+        errors.rms < 0.3 && errors.turn.length().to_degrees() < 0.5,
+        "{errors:?}"
+    );
 }
 
 #[test]
@@ -154,14 +173,20 @@ fn a_frame_that_disagrees_is_named() {
     masks.swap(4, 5);
     let start = rig.off(&mut random, 2.0, 0.02);
     let found = rig.register(&start, &masks, &Settings::default()).unwrap();
-    let named: Vec<usize> = (0..12).filter(|&t| !found.frames[t].disagrees.is_empty()).collect();
+    let named: Vec<usize> = (0..12)
+        .filter(|&t| !found.frames[t].disagrees.is_empty())
+        .collect();
     assert_eq!(named, [4, 5]);
     assert!(rig.errors(&found.placement).rms < 0.3);
 }
 
 /// A photograph of a mask's object: brighter than its surroundings, unevenly.
 fn photograph(mask: &Mask, random: &mut Random) -> RgbImage {
-    let mut noise: Vec<f64> = mask.pixels.iter().map(|_| 0.02 * random.uniform()).collect();
+    let mut noise: Vec<f64> = mask
+        .pixels
+        .iter()
+        .map(|_| 0.02 * random.uniform())
+        .collect();
     for (i, (value, &share)) in noise.iter_mut().zip(&mask.pixels).enumerate() {
         let (x, y) = ((i % mask.width) as f64, (i / mask.width) as f64);
         let object = 0.7 + 0.3 * (0.05 * x).sin() * (0.07 * y).cos();
@@ -188,9 +213,14 @@ fn photographs_do_where_masks_are_missing() {
         })
         .collect();
     let start = rig.off(&mut random, 2.0, 0.02);
-    let found = rig.register_observed(&start, &observed, &Settings::default()).unwrap();
+    let found = rig
+        .register_observed(&start, &observed, &Settings::default())
+        .unwrap();
     let errors = rig.errors(&found.placement);
-    assert!(errors.turn.length().to_degrees() < 0.1 && errors.most < 0.3, "{errors:?}");
+    assert!(
+        errors.turn.length().to_degrees() < 0.1 && errors.most < 0.3,
+        "{errors:?}"
+    );
 }
 
 #[test]
@@ -199,8 +229,13 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let masks = rig.masks(false);
     let start = rig.off(&mut random, 2.0, 0.02);
     let with = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let found = pool.install(|| rig.register(&start, &masks, &Settings::default())).unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        let found = pool
+            .install(|| rig.register(&start, &masks, &Settings::default()))
+            .unwrap();
         (found.placement, found.sigma)
     };
     assert_eq!(with(1), with(3));
@@ -216,7 +251,10 @@ fn holding_the_turntable_leaves_every_image() {
         for point in [DVec3::ZERO, DVec3::new(0.3, -0.2, 0.5), DVec3::Y] {
             let pixel = |camera: &Camera, placement: &Placement| {
                 let placed = placement.object_from_file.affine().transform_point3(point);
-                let world = placement.turn.world_from_object(*angle).transform_point3(placed);
+                let world = placement
+                    .turn
+                    .world_from_object(*angle)
+                    .transform_point3(placed);
                 camera.project(world).unwrap()
             };
             let (before, after) = (pixel(&rig.camera, &found), pixel(&camera, &placement));
@@ -231,7 +269,9 @@ fn an_object_out_of_view_or_far_from_its_masks_is_refused() {
     let masks = rig.masks(false);
     let mut away = rig.truth.clone();
     away.object_from_file.translation += DVec3::new(30.0, 0.0, 0.0);
-    let error = rig.register(&away, &masks, &Settings::default()).unwrap_err();
+    let error = rig
+        .register(&away, &masks, &Settings::default())
+        .unwrap_err();
     assert_eq!(error, RegistrationError::OutOfView);
     let blank = Mask {
         width: 64,
@@ -239,15 +279,24 @@ fn an_object_out_of_view_or_far_from_its_masks_is_refused() {
         pixels: vec![0; 64 * 64],
     };
     let start = rig.off(&mut random, 1.0, 0.01);
-    let error = rig.register(&start, &vec![blank; 3], &Settings::default()).unwrap_err();
-    assert!(matches!(error, RegistrationError::NoBorder { .. }), "{error}");
+    let error = rig
+        .register(&start, &vec![blank; 3], &Settings::default())
+        .unwrap_err();
+    assert!(
+        matches!(error, RegistrationError::NoBorder { .. }),
+        "{error}"
+    );
 }
 
 /// Pairs that a placement gives, each off by up to `noise` pixels.
 fn pairs(rig: &Rig, points: &[DVec3], angle: f64, noise: f64, random: &mut Random) -> Vec<Clicked> {
     let click = |point: &DVec3| {
         let placed = rig.truth.object_from_file.affine().transform_point3(*point);
-        let world = rig.truth.turn.world_from_object(angle).transform_point3(placed);
+        let world = rig
+            .truth
+            .turn
+            .world_from_object(angle)
+            .transform_point3(placed);
         let off = noise * DVec3::new(random.uniform() - 0.5, random.uniform() - 0.5, 0.0);
         Clicked {
             point: *point,
@@ -285,16 +334,33 @@ proptest! {
 fn pairs_without_a_pose_are_refused() {
     let mut random = Random(1);
     let rig = Rig::new(made(|| sphere(2)), 512, 1);
-    let line: Vec<DVec3> = (0..6).map(|i| DVec3::new(0.1 * f64::from(i), 0.0, 0.2)).collect();
+    let line: Vec<DVec3> = (0..6)
+        .map(|i| DVec3::new(0.1 * f64::from(i), 0.0, 0.2))
+        .collect();
     let spread: Vec<DVec3> = (0..6).map(|_| random.direction()).collect();
-    let pose = |clicked: &[Clicked]| pose_from_pairs(&rig.camera, &rig.truth, 0.0, clicked).unwrap_err();
-    assert_eq!(pose(&pairs(&rig, &spread[..3], 0.0, 0.0, &mut random)), PnpError::TooFew(3));
-    assert_eq!(pose(&pairs(&rig, &line, 0.0, 0.0, &mut random)), PnpError::Degenerate);
-    assert_eq!(pose(&pairs(&rig, &[DVec3::Y; 5], 0.0, 0.0, &mut random)), PnpError::Degenerate);
+    let pose =
+        |clicked: &[Clicked]| pose_from_pairs(&rig.camera, &rig.truth, 0.0, clicked).unwrap_err();
+    assert_eq!(
+        pose(&pairs(&rig, &spread[..3], 0.0, 0.0, &mut random)),
+        PnpError::TooFew(3)
+    );
+    assert_eq!(
+        pose(&pairs(&rig, &line, 0.0, 0.0, &mut random)),
+        PnpError::Degenerate
+    );
+    assert_eq!(
+        pose(&pairs(&rig, &[DVec3::Y; 5], 0.0, 0.0, &mut random)),
+        PnpError::Degenerate
+    );
     let mut clicked = pairs(&rig, &spread, 0.0, 0.0, &mut random);
     let pixels: Vec<_> = clicked.iter().map(|pair| pair.pixel).collect();
     for (i, pair) in clicked.iter_mut().enumerate() {
-        pair.pixel = pixels[(i * 5 + 2) % 6] + if i == 3 { DVec2::splat(400.0) } else { DVec2::ZERO };
+        pair.pixel = pixels[(i * 5 + 2) % 6]
+            + if i == 3 {
+                DVec2::splat(400.0)
+            } else {
+                DVec2::ZERO
+            };
     }
     assert!(matches!(pose(&clicked), PnpError::Apart { .. }));
 }
@@ -302,7 +368,6 @@ fn pairs_without_a_pose_are_refused() {
 /// The figures of the README, 20 random truths and starts each; several minutes. `SEEDS` asks for fewer.
 #[test]
 #[ignore = "minutes; for the table in the README"]
-#[expect(clippy::print_stdout, reason = "a measurement says what it found")]
 fn measured_over_random_starts() {
     let seeds: u64 = std::env::var("SEEDS").map_or(20, |seeds| seeds.parse().unwrap());
     for (name, pixels, frames, whole, wrong) in [
@@ -319,21 +384,45 @@ fn measured_over_random_starts() {
         for seed in 0..seeds {
             let mut random = Random(seed);
             let is_cup = name == "cup";
-            let load = if is_cup { made(cup) } else { shipped("suzanne.ply") };
+            let load = if is_cup {
+                made(cup)
+            } else {
+                shipped("suzanne.ply")
+            };
             let rig = Rig::new(load, pixels, frames).placed_at_random(&mut random);
             let mut masks = rig.masks(whole);
             if wrong > 0.0 {
-                masks.iter_mut().for_each(|mask| damage(mask, wrong, &mut random));
+                masks
+                    .iter_mut()
+                    .for_each(|mask| damage(mask, wrong, &mut random));
             }
             let start = rig.off(&mut random, 5.0, 0.05);
             let settings = if is_cup { KEEP } else { Settings::default() };
             let found = rig.register(&start, &masks, &settings).unwrap();
-            let placement = if is_cup { rig.without_spin(&found.placement) } else { found.placement.clone() };
+            let placement = if is_cup {
+                rig.without_spin(&found.placement)
+            } else {
+                found.placement.clone()
+            };
             let errors = rig.errors(&placement);
-            let here = [errors.turn.length().to_degrees(), errors.axis, errors.rms, errors.most];
-            worst.iter_mut().zip(here).for_each(|(worst, error)| *worst = worst.max(error));
+            let here = [
+                errors.turn.length().to_degrees(),
+                errors.axis,
+                errors.rms,
+                errors.most,
+            ];
+            worst
+                .iter_mut()
+                .zip(here)
+                .for_each(|(worst, error)| *worst = worst.max(error));
             if std::env::var("VERBOSE").is_ok() {
-                println!("  {seed}: {here:.4?} {:.1?} scale {:.4} {} {:?}", rig.scores(&found), found.scale, found.rounds, found.stop);
+                println!(
+                    "  {seed}: {here:.4?} {:.1?} scale {:.4} {} {:?}",
+                    rig.scores(&found),
+                    found.scale,
+                    found.rounds,
+                    found.stop
+                );
             }
             // Errors of what is undetermined count for nothing.
             scores.extend(rig.scores(&found).into_iter().filter(|z| *z != 0.0));

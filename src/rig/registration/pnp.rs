@@ -97,7 +97,10 @@ pub fn pose_from_pairs(
         scale,
         size,
     };
-    let mut minima: Vec<Minimum> = rotations().iter().filter_map(|r| search.minimum(*r)).collect();
+    let mut minima: Vec<Minimum> = rotations()
+        .iter()
+        .filter_map(|r| search.minimum(*r))
+        .collect();
     minima.sort_by(|a, b| a.rms.total_cmp(&b.rms));
     let Some(best) = minima.first() else {
         return Err(PnpError::Degenerate);
@@ -105,7 +108,9 @@ pub fn pose_from_pairs(
     let diagonal = (camera.width as f64).hypot(camera.height as f64);
     if best.rms > LARGEST_RMS * diagonal {
         let worst = search.distances(&best.pose).into_iter().enumerate();
-        let worst = worst.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i);
+        let worst = worst
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or(0, |(i, _)| i);
         return Err(PnpError::Apart {
             rms: best.rms,
             worst,
@@ -196,8 +201,14 @@ impl Search<'_> {
             let ideal = self.camera.ideal_point(pair.pixel);
             let turned = self.scale * (*rotation * *arm);
             for (row, rest) in [
-                (DVec3::new(1.0, 0.0, -ideal.x), ideal.x * turned.z - turned.x),
-                (DVec3::new(0.0, 1.0, -ideal.y), ideal.y * turned.z - turned.y),
+                (
+                    DVec3::new(1.0, 0.0, -ideal.x),
+                    ideal.x * turned.z - turned.x,
+                ),
+                (
+                    DVec3::new(0.0, 1.0, -ideal.y),
+                    ideal.y * turned.z - turned.y,
+                ),
             ] {
                 normal += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
                 right += rest * row;
@@ -211,12 +222,21 @@ impl Search<'_> {
         let matches = self.matches(pose).unwrap_or_default();
         matches
             .chunks(2)
-            .map(|two| two.iter().map(|m| m.distance * m.distance).sum::<f64>().sqrt())
+            .map(|two| {
+                two.iter()
+                    .map(|m| m.distance * m.distance)
+                    .sum::<f64>()
+                    .sqrt()
+            })
             .collect()
     }
 
     fn cost(&self, pose: &Pose) -> Option<f64> {
-        let cost: f64 = self.matches(pose)?.iter().map(|m| m.distance * m.distance).sum();
+        let cost: f64 = self
+            .matches(pose)?
+            .iter()
+            .map(|m| m.distance * m.distance)
+            .sum();
         cost.is_finite().then_some(cost)
     }
 
@@ -232,6 +252,7 @@ impl Search<'_> {
                 let (common, angle_slope) = slopes.along(placed, gradient);
                 matches.push(Match {
                     distance,
+                    doubt: 0.0,
                     length: 1.0,
                     slopes: common,
                     angle_slope,
@@ -250,8 +271,12 @@ impl Search<'_> {
         let Some(matches) = self.matches(pose) else {
             return true;
         };
-        let per_pixel = equations(&matches).normal.map(|row| row.map(|x| x * PLAIN * PLAIN));
-        !directions(&per_pixel, &[0, 1, 2, 3, 4, 5], 1e-6, 0.5).unknown.is_empty()
+        let per_pixel = equations(&matches)
+            .normal
+            .map(|row| row.map(|x| x * PLAIN * PLAIN));
+        !directions(&per_pixel, &[0, 1, 2, 3, 4, 5], 1e-6, 0.5)
+            .unknown
+            .is_empty()
     }
 }
 
@@ -271,7 +296,14 @@ fn basis() -> Vec<[f64; UNKNOWNS]> {
 
 /// The 24 turns of a cube, and the same turned by 45° about its diagonal.
 fn rotations() -> Vec<DMat3> {
-    let axes = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z];
+    let axes = [
+        DVec3::X,
+        -DVec3::X,
+        DVec3::Y,
+        -DVec3::Y,
+        DVec3::Z,
+        -DVec3::Z,
+    ];
     let between = DMat3::from_axis_angle(DVec3::ONE.normalize(), 45f64.to_radians());
     let mut rotations = Vec::new();
     for x in axes {

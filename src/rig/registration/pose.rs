@@ -278,6 +278,11 @@ mod tests {
         assert!((direct - through).length() < 1e-12);
         // What nothing determines stays: scale, and the centre's place along the axis.
         assert_eq!(after.object_from_file.scale, 1.5);
-        assert!((after.turn.center - given.turn.center).dot(after.turn.axis).abs() < 1e-12);
+        assert!(
+            (after.turn.center - given.turn.center)
+                .dot(after.turn.axis)
+                .abs()
+                < 1e-12
+        );
     }
 }

@@ -54,8 +54,14 @@ pub(super) fn describe(direction: &Step, pose: &Pose) -> String {
     let mut parts = [
         ("turning the object about", DVec3::new(wx, wy, wz)),
         ("shifting the object along", DVec3::new(sx, sy, sz)),
-        ("tilting the turntable's axis about", tilt_u * u + tilt_v * v),
-        ("shifting the turntable's axis along", shift_u * u + shift_v * v),
+        (
+            "tilting the turntable's axis about",
+            tilt_u * u + tilt_v * v,
+        ),
+        (
+            "shifting the turntable's axis along",
+            shift_u * u + shift_v * v,
+        ),
     ];
     parts.sort_by(|a, b| b.1.length().total_cmp(&a.1.length()));
     let words: Vec<String> = parts
@@ -64,7 +70,9 @@ pub(super) fn describe(direction: &Step, pose: &Pose) -> String {
         .map(|(what, vector)| {
             // Of the two opposite directions, the one whose largest component is positive.
             let [x, y, z] = vector.normalize().to_array();
-            let largest = [x, y, z].into_iter().fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+            let largest = [x, y, z]
+                .into_iter()
+                .fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
             let [x, y, z] = [x, y, z].map(|c| (100.0 * c * largest.signum()).round() / 100.0 + 0.0);
             format!("{what} [{x}, {y}, {z}]")
         })

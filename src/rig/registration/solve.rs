@@ -91,7 +91,8 @@ pub fn register(
             let directions = search.directions(&frames, scale);
             // Where the matches keep changing, shorter steps settle.
             let share = if round < 15 { 1.0 } else { 0.5 };
-            let (step, angles) = equations.solve(&directions.known, if level > 0 { 1e-3 } else { 0.0 });
+            let (step, angles) =
+                equations.solve(&directions.known, if level > 0 { 1e-3 } else { 0.0 });
             let (step, angles) = limited(&step, &angles, share);
             let motion = motion(&frames, &step, &angles);
             pose = pose.stepped(&step, &angles);
@@ -161,11 +162,19 @@ impl Search<'_> {
             matches: Vec::with_capacity(points.len()),
         };
         for point in points {
-            let found = observed.border(level, point.pixel, point.outward, REACH * pixels, point.outer);
-            matched.points.push((point, found));
+            let found = observed.border(
+                level,
+                point.pixel,
+                point.outward,
+                REACH * pixels,
+                point.outer,
+            );
+            matched
+                .points
+                .push((point, found.map(|border| border.distance)));
             let placed = placed_from_mesh.transform_point3(point.position.as_dvec3());
             let projected = self.camera.project_with_slopes(slopes.world(placed));
-            let (Some(distance), Some((_, [of_x, of_y]))) = (found, projected) else {
+            let (Some(border), Some((_, [of_x, of_y]))) = (found, projected) else {
                 continue;
             };
             let gradient = point.outward.x * of_x + point.outward.y * of_y;
@@ -176,13 +185,14 @@ impl Search<'_> {
             let (slides, angle_slide) =
                 slopes.along(placed, gradient.length() * slopes.turned(normal));
             matched.matches.push(Match {
-                distance,
+                distance: border.distance,
+                doubt: border.doubt,
                 length: point.length,
                 slopes: common,
                 angle_slope: angle,
                 slides,
                 angle_slide,
-                tile: tile(point.pixel),
+                tile: tile(point.pixel, self.size()),
             });
         }
         matched
@@ -251,14 +261,18 @@ impl Search<'_> {
     ) -> FrameAgreement {
         let outline: f64 = frame.points.iter().map(|(point, _)| point.length).sum();
         let matched: f64 = frame.matches.iter().map(|m| m.length).sum();
-        let square: f64 = frame.matches.iter().map(|m| m.length * m.distance * m.distance).sum();
+        let square: f64 = frame
+            .matches
+            .iter()
+            .map(|m| m.length * m.distance * m.distance)
+            .sum();
         let near: f64 = (frame.matches.iter())
             .filter(|m| m.distance.abs() <= 1.0)
             .map(|m| m.length)
             .sum();
         FrameAgreement {
             rms: (square / matched).sqrt(),
-            near: near / outline,
+            near: if outline > 0.0 { near / outline } else { 0.0 },
             overlap: super::agreement::overlap(
                 &self.contours,
                 &pose.view(self.camera, number),
@@ -282,8 +296,16 @@ impl Search<'_> {
 /// A step no longer than a fifth of a radian or of the size in any unknown, times `share`.
 fn limited(step: &Step, angles: &[f64], share: f64) -> (Step, Vec<f64>) {
     const LONGEST: f64 = 0.2;
-    let largest = step.iter().chain(angles).fold(0.0, |a: f64, x| a.max(x.abs()));
-    let factor = share * if largest > LONGEST { LONGEST / largest } else { 1.0 };
+    let largest = step
+        .iter()
+        .chain(angles)
+        .fold(0.0, |a: f64, x| a.max(x.abs()));
+    let factor = share
+        * if largest > LONGEST {
+            LONGEST / largest
+        } else {
+            1.0
+        };
     (
         step.map(|x| factor * x),
         angles.iter().map(|x| factor * x).collect(),
@@ -300,5 +322,9 @@ fn motion(frames: &[FrameMatches], step: &Step, angles: &[f64]) -> f64 {
             length += m.length;
         }
     }
-    if length > 0.0 { (square / length).sqrt() } else { 0.0 }
+    if length > 0.0 {
+        (square / length).sqrt()
+    } else {
+        0.0
+    }
 }

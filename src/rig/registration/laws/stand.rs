@@ -3,11 +3,11 @@
 use glam::{DQuat, DVec2, DVec3};
 use std::path::Path;
 
-use crate::rig::registration::*;
 use crate::accel::Accel;
 use crate::geometry::{Similarity, Turn};
 use crate::image::Mask;
 use crate::mesh::{LoadOptions, Mesh, Surface};
+use crate::rig::registration::*;
 use crate::rig::{Camera, Distortion, Intrinsics, View};
 
 /// A camera, an object and its turntable, and how they look.
@@ -21,17 +21,27 @@ pub(super) struct Rig {
 
 pub(super) fn shipped(name: &'static str) -> Box<dyn Fn(&Similarity) -> Mesh + Sync> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/meshes");
-    Box::new(move |pose| Mesh::load(&folder.join(name), pose, LoadOptions::default()).unwrap().0)
+    Box::new(move |pose| {
+        Mesh::load(&folder.join(name), pose, LoadOptions::default())
+            .unwrap()
+            .0
+    })
 }
 
 pub(super) fn made(surface: fn() -> Surface) -> Box<dyn Fn(&Similarity) -> Mesh + Sync> {
     Box::new(move |pose| {
-        Mesh::from_surface(surface(), pose, LoadOptions::default(), Path::new("made")).unwrap().0
+        Mesh::from_surface(surface(), pose, LoadOptions::default(), Path::new("made"))
+            .unwrap()
+            .0
     })
 }
 
 impl Rig {
-    pub(super) fn new(load: Box<dyn Fn(&Similarity) -> Mesh + Sync>, pixels: usize, frames: usize) -> Self {
+    pub(super) fn new(
+        load: Box<dyn Fn(&Similarity) -> Mesh + Sync>,
+        pixels: usize,
+        frames: usize,
+    ) -> Self {
         let mesh = load(&Similarity::default());
         let accel = Accel::build(&mesh.positions, &mesh.triangles);
         let camera = Camera::looking_at(
@@ -62,16 +72,26 @@ impl Rig {
     /// The masks by their contract: covered shares, by 64 points spread evenly over each pixel, or 255 for
     /// whole pixels, by 8 × 8 points up to its corners.
     pub(super) fn masks(&self, whole: bool) -> Vec<Mask> {
-        (0..self.truth.angles.len()).map(|frame| self.mask(frame, whole)).collect()
+        (0..self.truth.angles.len())
+            .map(|frame| self.mask(frame, whole))
+            .collect()
     }
 
     pub(super) fn mask(&self, frame: usize, whole: bool) -> Mask {
         const SIDE: usize = 8;
         let pose = &self.truth.object_from_file;
         let mesh_from_file = pose.affine() * self.mesh.object_from_mesh();
-        let view = View::new(&self.camera, &self.truth.turn, self.truth.angles[frame], mesh_from_file);
+        let view = View::new(
+            &self.camera,
+            &self.truth.turn,
+            self.truth.angles[frame],
+            mesh_from_file,
+        );
         let (width, height) = (self.camera.width, self.camera.height);
-        let meets = |x: f64, y: f64| self.accel.occluded(&view.ray(DVec2::new(x, y)), f32::INFINITY);
+        let meets = |x: f64, y: f64| {
+            self.accel
+                .occluded(&view.ray(DVec2::new(x, y)), f32::INFINITY)
+        };
         let corners: Vec<bool> = (0..(width + 1) * (height + 1))
             .map(|i| meets((i % (width + 1)) as f64, (i / (width + 1)) as f64))
             .collect();
@@ -95,7 +115,10 @@ impl Rig {
                 } else {
                     // The R2 sequence (Roberts 2018), shifted at random.
                     let k = *k as f64;
-                    DVec2::new((u + 0.754_877_666_246_692_8 * k).fract(), (v + 0.569_840_290_998_053_3 * k).fract())
+                    DVec2::new(
+                        (u + 0.754_877_666_246_692_8 * k).fract(),
+                        (v + 0.569_840_290_998_053_3 * k).fract(),
+                    )
                 };
                 meets(x as f64 + place.x, y as f64 + place.y)
             });
@@ -153,7 +176,8 @@ impl Rig {
         let shift = share * 2.0 * f64::from(self.mesh.bounding_radius()) * self.mesh.scale;
         let truth = &self.truth;
         let mut start = truth.clone();
-        let turn = |random: &mut Random| DQuat::from_axis_angle(random.direction(), degrees.to_radians());
+        let turn =
+            |random: &mut Random| DQuat::from_axis_angle(random.direction(), degrees.to_radians());
         start.object_from_file.rotation = turn(random) * truth.object_from_file.rotation;
         start.object_from_file.translation += shift * random.direction();
         let axis = truth.turn.axis;
@@ -169,13 +193,17 @@ impl Rig {
         let turned = found.object_from_file.rotation * truth.object_from_file.rotation.inverse();
         let world = |placement: &Placement, frame: usize, point: DVec3| {
             let placed = placement.object_from_file.affine().transform_point3(point);
-            placement.turn.world_from_object(placement.angles[frame]).transform_point3(placed)
+            placement
+                .turn
+                .world_from_object(placement.angles[frame])
+                .transform_point3(placed)
         };
         let mut pixels: Vec<f64> = Vec::new();
         for frame in 0..truth.angles.len() {
             pixels.extend(self.mesh.positions.iter().map(|&position| {
                 let point = self.mesh.to_object(position);
-                let pixel = |placement| self.camera.project(world(placement, frame, point)).unwrap();
+                let pixel =
+                    |placement| self.camera.project(world(placement, frame, point)).unwrap();
                 pixel(found).distance(pixel(truth))
             }));
         }
@@ -203,7 +231,11 @@ impl Rig {
         let (sigma, placement, truth) = (&found.sigma, &found.placement, &self.truth);
         let turn = placement.object_from_file.rotation * truth.object_from_file.rotation.inverse();
         let middle = DVec3::from_array(sigma.middle);
-        let in_file = placement.object_from_file.affine().inverse().transform_point3(middle);
+        let in_file = placement
+            .object_from_file
+            .affine()
+            .inverse()
+            .transform_point3(middle);
         let shift = middle - truth.object_from_file.affine().transform_point3(in_file);
         let tilt = DQuat::from_rotation_arc(truth.turn.axis, placement.turn.axis).to_scaled_axis();
         let (a, b) = (placement.turn.axis, truth.turn.axis);
@@ -212,10 +244,27 @@ impl Rig {
         let offset = near - (truth.turn.center + along * b);
         let across = sigma.across.map(DVec3::from_array);
         let mut scores: Vec<f64> = Vec::new();
-        scores.extend(turn.to_scaled_axis().to_array().iter().zip(sigma.rotation).map(|(e, s)| e / s));
-        scores.extend(shift.to_array().iter().zip(sigma.translation).map(|(e, s)| e / s));
+        scores.extend(
+            turn.to_scaled_axis()
+                .to_array()
+                .iter()
+                .zip(sigma.rotation)
+                .map(|(e, s)| e / s),
+        );
+        scores.extend(
+            shift
+                .to_array()
+                .iter()
+                .zip(sigma.translation)
+                .map(|(e, s)| e / s),
+        );
         scores.extend(across.iter().zip(sigma.axis).map(|(u, s)| u.dot(tilt) / s));
-        scores.extend(across.iter().zip(sigma.center).map(|(u, s)| u.dot(offset) / s));
+        scores.extend(
+            across
+                .iter()
+                .zip(sigma.center)
+                .map(|(u, s)| u.dot(offset) / s),
+        );
         scores
     }
 }
@@ -256,7 +305,10 @@ pub(super) fn damage(mask: &mut Mask, share: f64, random: &mut Random) {
         let value = 255 * (random.next() & 1) as u8;
         for y in 0..height {
             for x in 0..width {
-                let (dx, dy) = (x as f64 - (at % width) as f64, y as f64 - (at / width) as f64);
+                let (dx, dy) = (
+                    x as f64 - (at % width) as f64,
+                    y as f64 - (at / width) as f64,
+                );
                 let pixel = &mut mask.pixels[y * width + x];
                 if dx.hypot(dy) <= radius && pixel.abs_diff(value) > 127 {
                     *pixel = value;
@@ -291,4 +343,3 @@ impl Random {
         }
     }
 }
-
