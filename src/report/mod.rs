@@ -93,10 +93,23 @@ impl Observation {
             })
             .collect::<Result<Vec<_>, ReportError>>()?;
         let errors = reproduced
-            .map(|folder| compare_sequences(capture_path, folder, None))
+            .map(|folder| compare_sequences(photographs_of(&capture, capture_path), folder, None))
             .transpose()?;
         Ok(Self { frames, errors })
     }
+}
+
+/// The folder whose `images/` holds a capture's photographs: one that `register` wrote names those of
+/// another.
+fn photographs_of<'a>(capture: &'a Capture, path: &'a Path) -> &'a Path {
+    let images = capture
+        .frames
+        .first()
+        .and_then(|frame| frame.image.parent());
+    images
+        .filter(|images| images.ends_with("images"))
+        .and_then(Path::parent)
+        .unwrap_or(path)
 }
 
 /// Writes the page about the fit folder `fit` to `out`; `reproduced` is a folder that

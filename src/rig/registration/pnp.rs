@@ -47,6 +47,12 @@ pub enum PnpError {
          the object"
     )]
     Degenerate,
+    /// No pose of all points before the camera comes near.
+    #[error(
+        "no pose before the camera suits the pairs; check that points are in the mesh file's coordinates, \
+         pixels in (column, row), and the camera's numbers"
+    )]
+    Behind,
     /// No pose suits them.
     #[error(
         "no pose suits the pairs: the best leaves {rms:.0} pixels, most at pairs[{worst}]; check that points \
@@ -103,7 +109,7 @@ pub fn pose_from_pairs(
         .collect();
     minima.sort_by(|a, b| a.rms.total_cmp(&b.rms));
     let Some(best) = minima.first() else {
-        return Err(PnpError::Degenerate);
+        return Err(PnpError::Behind);
     };
     let diagonal = (camera.width as f64).hypot(camera.height as f64);
     if best.rms > LARGEST_RMS * diagonal {
