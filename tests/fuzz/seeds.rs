@@ -342,7 +342,7 @@ pub(crate) fn capture() -> Vec<Vec<u8>> {
     ]
 }
 
-/// Estimates at the four vertices of the mesh.
+/// Clicked pairs.
 pub(crate) fn pairs() -> Vec<Vec<u8>> {
     let points = "[[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0.5]]";
     let inline = "pairs = [{ point = [0.1, 0, 0], pixel = [3, 4.5] }]\n";
@@ -366,6 +366,7 @@ pub(crate) fn pairs() -> Vec<Vec<u8>> {
     vec![text.into(), inline.into()]
 }
 
+/// Estimates at the four vertices of the mesh.
 pub(crate) fn points() -> Vec<Vec<u8>> {
     let table = PointTable {
         position: CORNERS.map(|c| [c[0], c[1], c[2]]).into(),
