@@ -129,10 +129,11 @@ mod tests {
         draw(DQuat::IDENTITY).unwrap();
         let picture = RgbImage::read(&out).unwrap();
         let lit = |x: usize, y: usize| picture.pixels[y * 64 + x][0] > 0.5;
-        for (x, y) in [(22, 20), (42, 20), (30, 14), (30, 34)] {
+        // Four sides, and the diagonal from bottom left to top right.
+        for (x, y) in [(22, 20), (42, 20), (30, 14), (30, 34), (36, 20)] {
             assert!(lit(x, y), "{x} {y}");
         }
-        assert!(!lit(36, 20) && !lit(10, 10) && !lit(50, 24));
+        assert!(!lit(36, 28) && !lit(10, 10) && !lit(50, 24));
         // From behind, nothing faces the camera.
         draw(DQuat::from_rotation_y(std::f64::consts::PI)).unwrap();
         let empty = RgbImage::read(&out).unwrap();
