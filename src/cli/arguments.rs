@@ -182,9 +182,14 @@ pub(super) struct FitChoices {
     /// Lobe shape; `auto` tries both and keeps the smaller residual.
     #[arg(long, value_enum, default_value = "auto")]
     pub(super) ndf: NdfName,
-    /// Colour of the specular albedo: one value, or one per channel.
+    /// Colour of the specular albedo: one value, one per channel, or whichever the evidence of all
+    /// points asks for.
     #[arg(long, value_enum, default_value = "neutral")]
     pub(super) specular: SpecularName,
+    /// Points that share a lobe; rho_d is always each one's own. `smooth`: neighbours whose data agree;
+    /// `material`: all of a material, of which as many are found as the data ask for; `object`: all.
+    #[arg(long, value_enum, default_value = "none")]
+    pub(super) pool: PoolName,
     /// Fresnel term: `eta=X`, exact dielectric of index X.
     #[arg(long, default_value = "eta=1.3", value_parser = fresnel)]
     pub(super) fresnel: f32,
@@ -217,8 +222,17 @@ pub(super) enum NdfName {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(super) enum SpecularName {
+    Auto,
     Neutral,
     Rgb,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum PoolName {
+    None,
+    Smooth,
+    Material,
+    Object,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

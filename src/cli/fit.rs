@@ -7,14 +7,15 @@ use glam::Vec3;
 use serde::Serialize;
 
 use super::arguments::{
-    Common, EstimatorName, Fit, FitChoices, NdfName, PointsChoice, SpecularName,
+    Common, EstimatorName, Fit, FitChoices, NdfName, PointsChoice, PoolName, SpecularName,
 };
 use super::failure::Failure;
 use super::progress::{bar, note, write_stats, write_text};
 use crate::accel::Accel;
 use crate::brdf::Ndf;
 use crate::estimate::{
-    Estimate, Estimator, FitSettings, FitStats, FresnelModel, SpecularColour, Status, fit,
+    Estimate, Estimator, FitSettings, FitStats, FresnelModel, Pooling, Reason, SpecularColour,
+    Status, fit,
 };
 use crate::export::{FitFolder, PointTable};
 use crate::mesh::{Mesh, PointSet, SurfacePoint};
@@ -33,6 +34,7 @@ struct Record {
     traces: TraceStats,
     fit: FitStats,
     status: StatusCounts,
+    reason: ReasonCounts,
 }
 
 /// Seconds, wall clock.
@@ -53,6 +55,35 @@ struct StatusCounts {
     too_few_samples: usize,
     unseen: usize,
     saturated: usize,
+}
+
+/// Points whose roughness is not told, by what stands in the way.
+#[derive(Default, Serialize)]
+struct ReasonCounts {
+    too_few_frames: usize,
+    no_highlight: usize,
+    collinear: usize,
+    lobe_below_noise: usize,
+    two_minima: usize,
+    width_undetermined: usize,
+}
+
+impl ReasonCounts {
+    fn of(estimates: &[Estimate]) -> Self {
+        let mut counts = Self::default();
+        for estimate in estimates {
+            *match estimate.reason {
+                Reason::None => continue,
+                Reason::TooFewFrames => &mut counts.too_few_frames,
+                Reason::NoHighlight => &mut counts.no_highlight,
+                Reason::Collinear => &mut counts.collinear,
+                Reason::LobeBelowNoise => &mut counts.lobe_below_noise,
+                Reason::TwoMinima => &mut counts.two_minima,
+                Reason::WidthUndetermined => &mut counts.width_undetermined,
+            } += 1;
+        }
+        counts
+    }
 }
 
 pub(super) fn run(arguments: &Fit, common: &Common) -> Result<(), Failure> {
@@ -202,6 +233,7 @@ pub(super) fn fit_capture(
         timings,
         traces: trace_stats,
         fit: fitted.stats,
+        reason: ReasonCounts::of(estimates),
         status,
     };
     let text = toml::to_string(&record).map_err(anyhow::Error::from)?;
@@ -230,8 +262,15 @@ fn settings(choices: &FitChoices) -> FitSettings {
             NdfName::Ggx => Some(Ndf::Ggx),
         },
         specular: match choices.specular {
+            SpecularName::Auto => SpecularColour::Auto,
             SpecularName::Neutral => SpecularColour::Neutral,
             SpecularName::Rgb => SpecularColour::Rgb,
+        },
+        pool: match choices.pool {
+            PoolName::None => Pooling::None,
+            PoolName::Smooth => Pooling::Smooth,
+            PoolName::Material => Pooling::Material,
+            PoolName::Object => Pooling::Object,
         },
         fresnel: FresnelModel::Dielectric {
             eta: choices.fresnel,
@@ -266,6 +305,11 @@ fn table(mesh: &Mesh, points: &[SurfacePoint], estimates: &[Estimate]) -> PointT
         frames: integer(&|e| e.frames as i32),
         residual: number(&|e| e.residual),
         status: integer(&|e| e.status as i32),
+        ndf_evidence: number(&|e| e.ndf_evidence),
+        second_alpha: number(&|e| e.second_alpha),
+        second_evidence: number(&|e| e.second_evidence),
+        reason: integer(&|e| e.reason as i32),
+        material: integer(&|e| e.material.map_or(-1, |m| m as i32)),
         borrowed: integer(&|e| i32::from(!e.lobe_is_known())),
     }
 }

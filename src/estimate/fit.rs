@@ -7,9 +7,11 @@ use serde::Serialize;
 use super::columns::{Columns, ForwardModel, Scratch};
 use super::gloss::Gloss;
 use super::interreflection::{self, Glow};
+use super::model_choice::Shares;
 use super::noise::NoiseModel;
+use super::pooling::{self, PointProfile};
 use super::visibility::Visibility;
-use super::{Estimate, Estimator, FitSettings, Status, appearance, full, gradient, ndf_choice};
+use super::{Estimate, Estimator, FitSettings, Pooling, Status, appearance, full, gradient};
 use crate::accel::Accel;
 use crate::brdf::Appearance;
 use crate::probe::SplitLight;
@@ -30,6 +32,8 @@ pub struct FitStats {
     /// Points whose lobe the data do not determine well enough; they are rendered with their
     /// neighbours'.
     pub borrowed: u64,
+    /// Materials found, where points were pooled by them.
+    pub materials: u64,
     /// Rays traced for visibility.
     pub visibility_rays: u64,
     /// Observations for which traces were modelled, over all rounds.
@@ -174,6 +178,8 @@ fn fit_in_full(
         gloss,
         irradiance: &direct,
     });
+    let models = settings.models();
+    let even = Shares::even(&models);
     let mut noise = NoiseModel::independent(traces.noise_is_known);
     let mut glow = None;
     let nearest: Vec<Trace> = traces.traces.iter().map(Trace::nearest).collect();
@@ -196,13 +202,12 @@ fn fit_in_full(
                 let trace = &nearest[index];
                 coarse.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
                 let candidates = full::estimate(trace, columns, settings, &noise);
-                let estimate = ndf_choice::choose(&candidates, 0.5).estimate;
-                *first = (estimate, full::residuals(trace, columns, &estimate));
+                let choice = even.choose(&candidates);
+                let residuals = full::residuals(trace, columns, choice.candidate);
+                *first = (choice.estimate, residuals);
             });
-        if !traces.noise_is_known {
-            let residuals: Vec<Vec3> = first.iter().flat_map(|(_, r)| r).copied().collect();
-            noise = NoiseModel::of_residuals(&residuals);
-        }
+        let residuals: Vec<Vec3> = first.iter().flat_map(|(_, r)| r).copied().collect();
+        noise = NoiseModel::of_residuals(&residuals, traces.noise_is_known);
         if let Some(scene) = &scene {
             let estimates: Vec<Estimate> = first.iter().map(|(estimate, _)| *estimate).collect();
             glow = Some(Glow::new(scene, &estimates, glow.as_ref()));
@@ -210,26 +215,24 @@ fn fit_in_full(
     }
 
     // The noise that counts is that of the full model.
-    if !traces.noise_is_known {
-        let sample = traces.traces.len().div_ceil(NOISE_SAMPLE).max(1);
-        let residuals: Vec<Vec<Vec3>> = traces
-            .traces
-            .par_iter()
-            .zip(&visibilities)
-            .step_by(sample)
-            .map_init(memory, |(scratch, columns), (trace, visibility)| {
-                model.columns(trace, visibility, glow.as_ref(), scratch, columns);
-                let candidates = full::estimate(trace, columns, settings, &noise);
-                let estimate = ndf_choice::choose(&candidates, 0.5).estimate;
-                full::residuals(trace, columns, &estimate)
-            })
-            .collect();
-        noise = NoiseModel::of_residuals(&residuals.concat());
-        stats.observations += observations(traces.traces.iter().step_by(sample));
-    }
+    let sample = traces.traces.len().div_ceil(NOISE_SAMPLE).max(1);
+    let residuals: Vec<Vec<Vec3>> = traces
+        .traces
+        .par_iter()
+        .zip(&visibilities)
+        .step_by(sample)
+        .map_init(memory, |(scratch, columns), (trace, visibility)| {
+            model.columns(trace, visibility, glow.as_ref(), scratch, columns);
+            let candidates = full::estimate(trace, columns, settings, &noise);
+            full::residuals(trace, columns, even.choose(&candidates).candidate)
+        })
+        .collect();
+    noise = NoiseModel::of_residuals(&residuals.concat(), traces.noise_is_known);
+    stats.observations += observations(traces.traces.iter().step_by(sample));
 
     // All observations, once, in that light.
     stats.observations += observations(traces.traces.iter());
+    let pooled = settings.pool != Pooling::None;
     let candidates: Vec<Vec<full::Candidate>> = traces
         .traces
         .par_iter()
@@ -237,14 +240,21 @@ fn fit_in_full(
         .map_init(memory, |(scratch, columns), (trace, visibility)| {
             model.columns(trace, visibility, glow.as_ref(), scratch, columns);
             on_points(1);
-            full::estimate(trace, columns, settings, &noise)
+            let mut candidates = full::estimate(trace, columns, settings, &noise);
+            if !pooled {
+                candidates.iter_mut().for_each(|c| c.table = None);
+            }
+            candidates
         })
         .collect();
-    let share_of_ggx = ndf_choice::share_of_ggx(&candidates);
-    let estimates: Vec<Estimate> = candidates
+    let shares = Shares::of(&models, candidates.iter().map(Vec::as_slice));
+    let mut estimates: Vec<Estimate> = candidates
         .iter()
-        .map(|candidates| ndf_choice::choose(candidates, share_of_ggx).estimate)
+        .map(|candidates| shares.choose(candidates).estimate)
         .collect();
+    if pooled {
+        stats.materials = pool_lobes(candidates, &shares, neighbours, settings, &mut estimates);
+    }
 
     // Points without a lobe of their own get another, and an albedo that goes with it.
     let mut appearance = appearance::lobes(&estimates, neighbours);
@@ -268,6 +278,30 @@ fn fit_in_full(
         appearance,
         stats,
     }
+}
+
+/// Pools lobes of the form that most points have; returns the number of materials, if they were counted.
+fn pool_lobes(
+    candidates: Vec<Vec<full::Candidate>>,
+    shares: &Shares,
+    neighbours: &[Vec<u32>],
+    settings: &FitSettings,
+    estimates: &mut [Estimate],
+) -> u64 {
+    let models = shares.of_commonest_form();
+    let profiles: Vec<Option<PointProfile>> = candidates
+        .into_par_iter()
+        .map(|candidates| {
+            let tables: Vec<_> = candidates
+                .iter()
+                .filter(|c| models.contains(&c.model))
+                .filter_map(|c| Some((c.table.as_ref()?, &c.estimate, c.ln_likelihood)))
+                .collect();
+            (tables.len() == models.len()).then(|| PointProfile::new(tables.into_iter()))
+        })
+        .collect();
+    let materials = pooling::pool(settings.pool, &models, &profiles, neighbours, estimates);
+    materials.map_or(0, u64::from)
 }
 
 /// Irradiance over π from the light alone, `[frame · points + point]`.

@@ -13,8 +13,8 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::columns::Columns;
 use super::fresnel_model::Basis;
-use super::full::minimise_over_alpha;
 use super::least_squares::Normal;
+use super::search::minimise_over_alpha;
 use super::{Estimate, FitSettings, Status};
 use crate::brdf::Ndf;
 use crate::traces::Trace;
@@ -78,8 +78,9 @@ pub(super) fn estimate(trace: &Trace, columns: &Columns, settings: &FitSettings)
         |i, specular, _| {
             let observed = trace.observations[i].radiance.as_dvec3();
             let (diffuse, specular) = (columns.diffuse[i].as_dvec3(), specular.as_dvec3());
-            normal.add_diffuse(&DMat3::IDENTITY, diffuse, observed);
-            normal.add_neutral(&DMat3::IDENTITY, diffuse, specular, observed);
+            let [r, g, b] = DVec3::AXES;
+            let jacobian = [r * diffuse.x, g * diffuse.y, b * diffuse.z, specular];
+            normal.add(&DMat3::IDENTITY, &jacobian, observed);
         },
     );
     let (x, objective) = normal.solve();

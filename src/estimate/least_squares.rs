@@ -4,13 +4,13 @@
 //! min over x ≥ 0 of  Σ_i (y_i − J_i x)ᵀ P_i (y_i − J_i x)
 //! ```
 //!
-//! with `y_i` an observation's RGB, `P_i` its precision, and `x` the albedos, at most six. Sums over
+//! with `y_i` an observation's RGB, `P_i` its precision, and `x` the albedos, at most seven. Sums over
 //! observations are kept as normal equations.
 
 use glam::{DMat3, DVec3};
 
-/// Largest number of unknowns: three diffuse and three specular albedos.
-pub(super) const UNKNOWNS: usize = 6;
+/// Largest number of unknowns: three diffuse albedos and four of the lobe.
+pub(super) const UNKNOWNS: usize = 7;
 
 /// A diagonal that a pivot falls below this share of depends on the columns before it, to rounding.
 const DEPENDENT: f64 = 1e-11;
@@ -39,47 +39,20 @@ impl Normal {
         }
     }
 
-    /// Adds the part of one specular albedo for all channels: unknown 3.
-    #[inline]
-    pub(super) fn add_neutral(
-        &mut self,
-        p: &DMat3,
-        diffuse: DVec3,
-        specular: DVec3,
-        observed: DVec3,
-    ) {
-        let ps = *p * specular;
-        self.b[3] += observed.dot(ps);
-        self.a[3][3] += specular.dot(ps);
-        for c in 0..3 {
-            self.a[c][3] += diffuse[c] * ps[c];
-            self.a[3][c] += diffuse[c] * ps[c];
-        }
-    }
-
-    /// Adds the part of one specular albedo a channel: unknowns 3 to 5.
-    #[inline]
-    pub(super) fn add_coloured(
-        &mut self,
-        p: &DMat3,
-        diffuse: DVec3,
-        specular: DVec3,
-        observed: DVec3,
-    ) {
-        let py = *p * observed;
-        for c in 0..3 {
-            self.b[3 + c] += specular[c] * py[c];
-            for d in 0..3 {
-                let entry = p.col(d)[c] * specular[d];
-                self.a[3 + c][3 + d] += specular[c] * entry;
-                self.a[c][3 + d] += diffuse[c] * entry;
-                self.a[3 + d][c] += diffuse[c] * entry;
+    /// Adds an observation, given its derivative by every unknown.
+    pub(super) fn add(&mut self, p: &DMat3, jacobian: &[DVec3], observed: DVec3) {
+        self.yy += observed.dot(*p * observed);
+        for (i, column) in jacobian.iter().enumerate() {
+            let weighted = *p * *column;
+            self.b[i] += observed.dot(weighted);
+            for (j, other) in jacobian.iter().enumerate() {
+                self.a[i][j] += other.dot(weighted);
             }
         }
     }
 
     /// The weighted squared residual at `x`.
-    fn objective(&self, x: &[f64; UNKNOWNS]) -> f64 {
+    pub(super) fn objective(&self, x: &[f64; UNKNOWNS]) -> f64 {
         let mut value = self.yy;
         for i in 0..self.size {
             value -= 2.0 * self.b[i] * x[i];
@@ -244,13 +217,13 @@ mod tests {
             ..Normal::default()
         };
         for &(d, s, t) in samples {
-            let (d, s, t) = (DVec3::splat(d), DVec3::splat(s), DVec3::from(t));
-            normal.add_diffuse(p, d, t);
+            let mut jacobian: Vec<DVec3> = DVec3::AXES.map(|axis| axis * d).to_vec();
             if coloured {
-                normal.add_coloured(p, d, s, t);
+                jacobian.extend(DVec3::AXES.map(|axis| axis * s));
             } else {
-                normal.add_neutral(p, d, s, t);
+                jacobian.push(DVec3::splat(s));
             }
+            normal.add(p, &jacobian, DVec3::from(t));
         }
         normal
     }

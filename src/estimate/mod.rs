@@ -22,12 +22,26 @@ mod interreflection;
 mod least_squares;
 mod light_cut;
 mod lobe_cells;
-mod ndf_choice;
+mod lobe_form;
+mod lobe_table;
+mod model_choice;
 mod noise;
+mod normal_table;
+mod objective;
+mod pooling;
+mod problem;
+mod search;
+mod uncertainty;
 mod visibility;
 
 #[cfg(test)]
+mod error_laws;
+#[cfg(test)]
 mod laws;
+#[cfg(test)]
+mod reason_laws;
+#[cfg(test)]
+mod turntable;
 
 pub use fit::{Fit, FitStats, fit};
 pub use fresnel_model::FresnelModel;
@@ -53,10 +67,27 @@ pub enum Estimator {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SpecularColour {
+    /// Whichever the data ask for, by the evidence of all points.
+    Auto,
     /// One value for all channels.
     Neutral,
     /// One per channel.
     Rgb,
+}
+
+/// Which points share a lobe. The diffuse albedo is every point's own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pooling {
+    /// None: every point stands alone.
+    #[default]
+    None,
+    /// Neighbours whose data agree.
+    Smooth,
+    /// All of a material; how many materials there are is found from the data.
+    Material,
+    /// All.
+    Object,
 }
 
 /// What a fit may choose, and how much work it does.
@@ -69,6 +100,9 @@ pub struct FitSettings {
     pub ndf: Option<Ndf>,
     /// Colour of the specular albedo.
     pub specular: SpecularColour,
+    /// Which points share a lobe. Alone unless asked for: pooling smears a texture of roughness, and
+    /// the error bars of single points are honest.
+    pub pool: Pooling,
     /// Fresnel's term.
     pub fresnel: FresnelModel,
     /// About how many light nodes an observation gets. With 512 the error of `T_s` on the four shipped
@@ -87,6 +121,7 @@ impl Default for FitSettings {
             estimator: Estimator::Full,
             ndf: None,
             specular: SpecularColour::Neutral,
+            pool: Pooling::None,
             fresnel: FresnelModel::Dielectric { eta: 1.3 },
             light_nodes: 512,
             interreflections: 3,
@@ -134,13 +169,49 @@ impl Status {
     ];
 }
 
+/// What stands in the way of a roughness. The number is its code in `points.npz`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[repr(i32)]
+pub enum Reason {
+    /// Nothing: alpha is determined, or there are no samples at all.
+    None = 0,
+    /// Too few frames or samples to tell a lobe from diffuse light.
+    TooFewFrames = 1,
+    /// The point never looks where a lobe would show: a specular albedo of 1 would not be noticed.
+    NoHighlight = 2,
+    /// The lobe's trace is, to the noise, a multiple of the diffuse one.
+    Collinear = 3,
+    /// A specular albedo of 1 would be noticed, and there is none above the noise.
+    LobeBelowNoise = 4,
+    /// Two roughnesses explain the data about equally well.
+    TwoMinima = 5,
+    /// A lobe is seen, but the data do not tell its width.
+    WidthUndetermined = 6,
+}
+
+impl Reason {
+    /// All, in the order of their codes.
+    pub const ALL: [Self; 7] = [
+        Self::None,
+        Self::TooFewFrames,
+        Self::NoHighlight,
+        Self::Collinear,
+        Self::LobeBelowNoise,
+        Self::TwoMinima,
+        Self::WidthUndetermined,
+    ];
+}
+
 /// A point's parameters, their uncertainty, and how they were reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Diffuse albedo, linear RGB.
     pub rho_d: Vec3,
-    /// Specular albedo, linear RGB (equal where neutral).
+    /// Specular albedo, linear RGB (equal where neutral); reflectance at normal incidence where `f90` is
+    /// some.
     pub rho_s: Vec3,
+    /// Schlick's reflectance at grazing; none under a dielectric's Fresnel term.
+    pub f90: Option<f32>,
     /// Roughness.
     pub alpha: f32,
     /// The NDF with the smaller residual.
@@ -149,14 +220,25 @@ pub struct Estimate {
     pub sigma_rho_d: Vec3,
     /// Standard deviation of `rho_s` (largest channel).
     pub sigma_rho_s: f32,
-    /// Standard deviation of `alpha`.
+    /// `alpha` times the standard deviation of `ln alpha`: over the profile likelihood, rival minima
+    /// and the other NDF included.
     pub sigma_alpha: f32,
+    /// `ln L_ggx − ln L_beckmann`, each at its best; NaN where only one was tried.
+    pub ndf_evidence: f32,
+    /// Roughness of the second-best local minimum; NaN if there is none.
+    pub second_alpha: f32,
+    /// Its ln likelihood less that of the estimate; NaN if there is none.
+    pub second_evidence: f32,
     /// Frames in which the point is seen.
     pub frames: u32,
     /// Root-mean-square residual relative to the root-mean-square observation.
     pub residual: f32,
     /// How it ended.
     pub status: Status,
+    /// What stands in the way of a roughness.
+    pub reason: Reason,
+    /// Number of its material, where points were pooled by material or object.
+    pub material: Option<u32>,
 }
 
 impl Estimate {
@@ -165,14 +247,20 @@ impl Estimate {
         Self {
             rho_d: Vec3::ZERO,
             rho_s: Vec3::ZERO,
+            f90: None,
             alpha: 1.0,
             ndf: Ndf::Ggx,
             sigma_rho_d: Vec3::INFINITY,
             sigma_rho_s: f32::INFINITY,
             sigma_alpha: f32::INFINITY,
             frames,
+            ndf_evidence: f32::NAN,
+            second_alpha: f32::NAN,
+            second_evidence: f32::NAN,
             residual: 0.0,
             status,
+            reason: Reason::None,
+            material: None,
         }
     }
 }

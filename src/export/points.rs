@@ -36,6 +36,16 @@ pub struct PointTable {
     pub residual: Vec<f32>,
     /// `[N]` how the fit of the point ended, as a code.
     pub status: Vec<i32>,
+    /// `[N]` `ln L_ggx − ln L_beckmann`; NaN where only one was tried.
+    pub ndf_evidence: Vec<f32>,
+    /// `[N]` roughness of the second-best local minimum; NaN if there is none.
+    pub second_alpha: Vec<f32>,
+    /// `[N]` its ln likelihood less the estimate's; NaN if there is none.
+    pub second_evidence: Vec<f32>,
+    /// `[N]` what stands in the way of a roughness, as a code; 0 if nothing.
+    pub reason: Vec<i32>,
+    /// `[N]` number of the point's material where points were pooled by material or object, else −1.
+    pub material: Vec<i32>,
     /// `[N]` 1 where the lobe is not known and the point is rendered with its neighbours'; all 0 in a
     /// file without it.
     pub borrowed: Vec<i32>,
@@ -74,21 +84,43 @@ impl PointTable {
             arrays.integers("frames", &self.frames)?;
             arrays.floats("residual", &self.residual)?;
             arrays.integers("status", &self.status)?;
+            arrays.floats("ndf_evidence", &self.ndf_evidence)?;
+            arrays.floats("second_alpha", &self.second_alpha)?;
+            arrays.floats("second_evidence", &self.second_evidence)?;
+            arrays.integers("reason", &self.reason)?;
+            arrays.integers("material", &self.material)?;
             arrays.integers("borrowed", &self.borrowed)?;
             arrays.finish()
         })
     }
 
-    /// Reads what [`PointTable::write_npz`] or `numpy.savez` wrote; further arrays are ignored.
+    /// Reads what [`PointTable::write_npz`] or `numpy.savez` wrote; further arrays are ignored. In files
+    /// of older versions, which lack the last six arrays, nothing is known of those.
     ///
     /// # Errors
     /// An array is absent or has another type or shape, or the file is not a zip of arrays.
     pub fn read_npz(path: &Path) -> Result<Self, ExportError> {
         let mut arrays = ArrayReader::open(path)?;
         let position = arrays.rgb("position")?;
-        let borrowed = arrays.column_if_any("borrowed")?;
+        let n = position.len();
+        let mut evidence = |name| {
+            let found = arrays.column_if_any(name)?;
+            Ok::<_, ExportError>(found.unwrap_or_else(|| vec![f32::NAN; n]))
+        };
+        let ndf_evidence = evidence("ndf_evidence")?;
+        let second_alpha = evidence("second_alpha")?;
+        let second_evidence = evidence("second_evidence")?;
+        let mut code = |name, absent: i32| {
+            let found = arrays.column_if_any(name)?;
+            Ok::<_, ExportError>(found.unwrap_or_else(|| vec![absent; n]))
+        };
         let table = Self {
-            borrowed: borrowed.unwrap_or_else(|| vec![0; position.len()]),
+            ndf_evidence,
+            second_alpha,
+            second_evidence,
+            reason: code("reason", 0)?,
+            material: code("material", -1)?,
+            borrowed: code("borrowed", 0)?,
             position,
             normal: arrays.rgb("normal")?,
             rho_d: arrays.rgb("rho_d")?,
@@ -124,6 +156,11 @@ impl PointTable {
             ("frames", self.frames.len()),
             ("residual", self.residual.len()),
             ("status", self.status.len()),
+            ("ndf_evidence", self.ndf_evidence.len()),
+            ("second_alpha", self.second_alpha.len()),
+            ("second_evidence", self.second_evidence.len()),
+            ("reason", self.reason.len()),
+            ("material", self.material.len()),
             ("borrowed", self.borrowed.len()),
         ];
         lengths
@@ -165,6 +202,11 @@ mod tests {
             frames: codes(72),
             residual,
             status: codes(5),
+            ndf_evidence: single(10.0),
+            second_alpha: single(11.0),
+            second_evidence: single(12.0),
+            reason: codes(6),
+            material: codes(4),
             borrowed: codes(1),
         }
     }

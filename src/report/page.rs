@@ -27,12 +27,37 @@ const STATUS: [(&str, &str); 6] = [
     ),
     (
         "unidentifiable",
-        "no highlight tells alpha; the diffuse albedo may still be good",
+        "the data do not tell alpha, for the reasons below; the diffuse albedo may still be good",
     ),
     ("alpha at bound", "the best alpha is at an end of its range"),
     ("too few samples", "fewer usable samples than unknowns"),
     ("unseen", "never seen by the camera"),
     ("saturated", "every sample is saturated"),
+];
+
+/// Why a point's roughness is not told, by code less one.
+const REASONS: [(&str, &str); 6] = [
+    ("too few frames", "to tell a lobe from diffuse light"),
+    (
+        "no highlight",
+        "a specular albedo of 1 would not be noticed in any frame",
+    ),
+    (
+        "collinear",
+        "what a lobe would show is, to the noise, a multiple of the diffuse light",
+    ),
+    (
+        "lobe below noise",
+        "a specular albedo of 1 would be noticed, and there is none above the noise",
+    ),
+    (
+        "two minima",
+        "two roughnesses, or Beckmann and GGX at different ones, explain the data about equally well",
+    ),
+    (
+        "width undetermined",
+        "a lobe is seen, but not how wide it is",
+    ),
 ];
 
 pub(super) fn page(
@@ -77,6 +102,7 @@ pub(super) fn page(
                 }
                 h2 { "How the points ended" }
                 (status_counts(table))
+                (reason_counts(table))
                 h2 { "Parameters of the converged points" }
                 (parameters(table))
                 h2 { "Settings, counters, seconds" }
@@ -189,6 +215,22 @@ fn status_counts(table: &PointTable) -> Markup {
                     td { span.dot style=(format!("background:rgb({r},{g},{b})")) {} (name) }
                     td { (count) }
                     td { (meaning) }
+                }
+            }
+        }
+    }
+}
+
+/// Reasons that points have, with how many.
+fn reason_counts(table: &PointTable) -> Markup {
+    let count = |code: usize| table.reason.iter().filter(|&&r| r == code as i32).count();
+    html! {
+        @if (1..=REASONS.len()).any(|code| count(code) > 0) {
+            table {
+                @for (code, (name, meaning)) in (1..).zip(REASONS) {
+                    @if count(code) > 0 {
+                        tr { td { (name) } td { (count(code)) } td { (meaning) } }
+                    }
                 }
             }
         }

@@ -351,11 +351,14 @@ impl Photograph {
     }
 
     fn observation(&self, frame: usize, pixel: u32, footprint: &Footprint) -> Observation {
-        let radiance = Vec3::from(self.image.pixels[pixel as usize]);
+        let stored = Vec3::from(self.image.pixels[pixel as usize]);
+        let saturation = self.noise.saturation();
+        let radiance = stored.min(Vec3::splat(saturation));
         Observation {
             frame: frame as u32,
             radiance,
             variance: self.noise.variance(radiance),
+            saturated: stored.cmpge(Vec3::splat(saturation)),
             position: footprint.position,
             wo: footprint.wo,
             normal: footprint.normal,
@@ -366,22 +369,18 @@ impl Photograph {
 }
 
 impl Noise {
+    /// The stored value from which on a channel is saturated.
+    fn saturation(&self) -> f32 {
+        match self {
+            Self::Sensor(sensor, exposure) => sensor.saturation(*exposure) as f32,
+            Self::Assumed(_) => f32::INFINITY,
+        }
+    }
+
     fn variance(&self, radiance: Vec3) -> Vec3 {
         match self {
             Self::Sensor(sensor, exposure) => {
-                let saturation = sensor.saturation(*exposure) as f32;
-                let variance = |value: f32| {
-                    if value >= saturation {
-                        f32::INFINITY
-                    } else {
-                        sensor.variance(f64::from(value), *exposure) as f32
-                    }
-                };
-                Vec3::new(
-                    variance(radiance.x),
-                    variance(radiance.y),
-                    variance(radiance.z),
-                )
+                radiance.map(|value| sensor.variance(f64::from(value), *exposure) as f32)
             }
             // A frame without light tells nothing.
             Self::Assumed(mean) if *mean <= 0.0 => Vec3::INFINITY,

@@ -9,7 +9,7 @@ mod footprint;
 
 pub use collect::{CollectSettings, TraceError, TraceStats, collect};
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{BVec3, Mat3, Vec2, Vec3};
 
 use crate::mesh::{Mesh, SurfacePoint};
 
@@ -23,9 +23,11 @@ pub struct Observation {
     pub frame: u32,
     /// Observed radiance, linear RGB.
     pub radiance: Vec3,
-    /// Variance of its noise, radiance squared, by channel; infinite where the channel is
-    /// saturated and tells nothing.
+    /// Variance of its noise, radiance squared, by channel; infinite where the channel tells nothing.
     pub variance: Vec3,
+    /// Channels at the sensor's saturation: `radiance` is then the level, which the surface was at
+    /// least as bright as.
+    pub saturated: BVec3,
     /// Centre of the pixel's patch, mesh frame.
     pub position: Vec3,
     /// To the camera, unit, object frame.

@@ -383,6 +383,11 @@ pub(crate) fn points() -> Vec<Vec<u8>> {
         frames: vec![9; 4],
         residual: vec![0.01; 4],
         status: vec![0, 1, 2, 4],
+        ndf_evidence: vec![3.0, -1.0, f32::NAN, 0.5],
+        second_alpha: vec![f32::NAN, 0.4, 0.1, f32::NAN],
+        second_evidence: vec![f32::NAN, -2.0, -7.0, f32::NAN],
+        reason: vec![0, 2, 5, 0],
+        material: vec![0, 1, -1, 0],
         borrowed: vec![0, 1, 0, 1],
     };
     vec![written("points.npz", |path| table.write_npz(path).unwrap())]

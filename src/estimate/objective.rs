@@ -1,0 +1,242 @@
+//! The weighted squared residual as a function of roughness, the albedos following.
+//!
+//! A saturated channel is a bound: the surface was at least as bright as the level. It counts as an
+//! observation at the level, with its noise, where the model is darker, and as nothing where the model
+//! is brighter:
+//!
+//! ```text
+//! min over x ≥ 0 of  Σ_i r_iᵀ P_i r_i,   r_ic = max(0, level − J_ic x) where channel c of i is saturated
+//! ```
+//!
+//! At one roughness that is convex and piecewise quadratic, so Newton's method on the set of active
+//! bounds ends at its minimum (Qi and Sun 1993).
+
+use glam::{BVec3, DMat3, DVec3};
+
+use super::least_squares::{Normal, UNKNOWNS};
+use super::normal_table::{NormalTable, Samples};
+use super::problem::{ActiveBounds, Model, Problem, Solution};
+
+/// Steps of Newton's method on the active bounds. The set settles in two to four; the count only
+/// guards against cycling in the last bits.
+const BOUND_STEPS: usize = 40;
+
+/// Pull towards the last step's albedos, as a share of what all bounds together would say of them: far
+/// below any information that counts, far above rounding.
+const STEADY: f64 = 1e-8;
+
+/// The weighted squared residual over alpha, the albedos following.
+pub(super) struct Objective<'p, 'a> {
+    pub(super) problem: &'p Problem<'a>,
+    pub(super) model: Model,
+    /// `[observations]`.
+    pub(super) weights: Vec<f64>,
+    /// All sums, where no bound may come and go.
+    table: Option<NormalTable>,
+}
+
+impl<'p, 'a> Objective<'p, 'a> {
+    pub(super) fn new(problem: &'p Problem<'a>, model: Model, weights: Vec<f64>) -> Self {
+        let mut objective = Self {
+            problem,
+            model,
+            weights,
+            table: None,
+        };
+        if problem.saturated.is_empty() {
+            objective.table = Some(objective.table_with(&ActiveBounds::new()));
+        }
+        objective
+    }
+
+    /// All sums with given bounds taken as observations.
+    pub(super) fn table_with(&self, active: &ActiveBounds) -> NormalTable {
+        let problem = self.problem;
+        let count = 0..self.weights.len();
+        let precisions = problem.precisions(active);
+        let weighted = precisions
+            .iter()
+            .zip(&self.weights)
+            .map(|((p, _), w)| *p * *w);
+        let samples = Samples::new(
+            count.clone().map(|i| problem.observed(i)),
+            count.map(|i| problem.diffuse(i)),
+            weighted,
+        );
+        NormalTable::new(problem.columns, self.model.ndf, self.model.form, &samples)
+    }
+
+    /// The best albedos at one roughness.
+    pub(super) fn solve(&self, ln_alpha: f64) -> Solution {
+        match &self.table {
+            Some(table) => {
+                let (x, value) = table.at(ln_alpha).solve();
+                Solution::new(&x, value, ActiveBounds::new())
+            }
+            None => self.solve_bounded(ln_alpha),
+        }
+    }
+
+    pub(super) fn value(&self, ln_alpha: f64) -> f64 {
+        self.solve(ln_alpha).value
+    }
+
+    /// Newton's method on the set of active bounds.
+    fn solve_bounded(&self, ln_alpha: f64) -> Solution {
+        let problem = self.problem;
+        let m = self.model.form.size();
+        let lobe = self
+            .model
+            .form
+            .jacobian(problem.columns, self.model.ndf, ln_alpha as f32);
+        let add = |normal: &mut Normal, i: usize, p: DMat3| {
+            let mut jacobian = [DVec3::ZERO; UNKNOWNS];
+            for (c, axis) in DVec3::AXES.into_iter().enumerate() {
+                jacobian[c] = axis * problem.diffuse(i)[c];
+            }
+            jacobian[3..3 + m].copy_from_slice(&lobe[i * m..][..m]);
+            normal.add(
+                &(p * self.weights[i]),
+                &jacobian[..3 + m],
+                problem.observed(i),
+            );
+        };
+        let mut plain = Normal {
+            size: 3 + m,
+            ..Normal::default()
+        };
+        for (i, (p, _)) in problem.precisions.iter().enumerate() {
+            if !problem.trace.observations[i].saturated.any() {
+                add(&mut plain, i, *p);
+            }
+        }
+        let with = |active: &ActiveBounds| {
+            let mut normal = plain;
+            for (&i, active) in problem.saturated.iter().zip(active) {
+                let (p, _) = problem
+                    .noise
+                    .precision(&problem.trace.observations[i], *active);
+                add(&mut normal, i, p);
+            }
+            normal
+        };
+        let darker = |x: &[f64; UNKNOWNS]| -> ActiveBounds {
+            let solution = Solution::new(x, 0.0, ActiveBounds::new());
+            problem
+                .saturated
+                .iter()
+                .map(|&i| {
+                    let predicted = problem.predicted(i, &lobe[i * m..][..m], &solution);
+                    let below = predicted.cmplt(problem.observed(i));
+                    let saturated = problem.trace.observations[i].saturated;
+                    BVec3::new(
+                        saturated.x && below.x,
+                        saturated.y && below.y,
+                        saturated.z && below.z,
+                    )
+                })
+                .collect()
+        };
+
+        // From the albedos without bounds, with the bounds that those break.
+        let (mut x, _) = plain.solve();
+        let mut active = darker(&x);
+        let mut normal = with(&active);
+        let mut value = normal.objective(&x);
+        let all = with(&vec![BVec3::TRUE; problem.saturated.len()]);
+        for _ in 0..BOUND_STEPS {
+            // An albedo on which no active bound bears stays where it is.
+            let mut steadied = normal;
+            for (k, value) in x.iter().enumerate().take(3 + m) {
+                let hold = STEADY * all.a[k][k];
+                steadied.a[k][k] += hold;
+                steadied.b[k] += hold * value;
+            }
+            let (target, _) = steadied.solve();
+            // The whole step, or as much of it as makes things better.
+            let mut share = 1.0;
+            let mut moved = false;
+            while share > 1e-3 {
+                let next = std::array::from_fn(|k| x[k] + share * (target[k] - x[k]));
+                let bounds = darker(&next);
+                let quadratic = with(&bounds);
+                let reached = quadratic.objective(&next);
+                let settled = bounds == active && share == 1.0;
+                if reached < value || settled {
+                    (x, active, normal, value) = (next, bounds, quadratic, reached.min(value));
+                    moved = !settled;
+                    break;
+                }
+                share *= 0.5;
+            }
+            if !moved {
+                break;
+            }
+        }
+        Solution::new(&x, value, active)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::brdf::Ndf;
+    use crate::estimate::lobe_form::LobeForm;
+    use crate::estimate::noise::NoiseModel;
+    use crate::estimate::turntable::{Material, TURNTABLES};
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        /// At the solution the gradient of the one-sided objective vanishes for what is free, and
+        /// points outwards for what is at zero.
+        #[test]
+        fn bounded_albedos_meet_the_conditions_of_karush_kuhn_and_tucker(
+            index in 0u32..200, level in 0.05f64..0.9, ln_alpha in -4.0f64..-0.2, coloured in any::<bool>(),
+        ) {
+            let turntable = &TURNTABLES[0];
+            let material = Material::plastic(Ndf::Ggx, 0.1);
+            let mut point = turntable.point(index, &material, 0.01);
+            point.saturate_above(level);
+            let noise = NoiseModel::independent(true);
+            let problem = Problem::new(&point.trace, &point.columns, &noise);
+            prop_assume!(problem.samples() > 0);
+            let form = if coloured { LobeForm::Rgb } else { LobeForm::Neutral };
+            let model = Model { ndf: Ndf::Ggx, form };
+            let weights = vec![1.0; point.trace.observations.len()];
+            let objective = Objective::new(&problem, model, weights);
+            let solution = objective.solve(ln_alpha);
+
+            let m = form.size();
+            let lobe = form.jacobian(&point.columns, model.ndf, ln_alpha as f32);
+            let mut gradient = [0.0; UNKNOWNS];
+            let mut size = [0.0; UNKNOWNS];
+            for (i, observation) in point.trace.observations.iter().enumerate() {
+                let predicted = problem.predicted(i, &lobe[i * m..][..m], &solution);
+                let deviation = crate::estimate::noise::deviation(observation);
+                for c in 0..3 {
+                    let mut r = f64::from(observation.radiance[c]) - predicted[c];
+                    if observation.saturated.test(c) {
+                        r = r.max(0.0);
+                    }
+                    let p = 1.0 / f64::from(deviation[c]).powi(2);
+                    let mut add = |k: usize, derivative: f64| {
+                        gradient[k] -= 2.0 * p * r * derivative;
+                        size[k] += 2.0 * p * (f64::from(observation.radiance[c]) * derivative).abs();
+                    };
+                    add(c, problem.diffuse(i)[c]);
+                    for j in 0..m {
+                        add(3 + j, lobe[i * m + j][c]);
+                    }
+                }
+            }
+            let x = [&solution.rho_d.to_array()[..], &solution.lobe].concat();
+            for k in 0..3 + m {
+                prop_assert!(x[k] >= 0.0);
+                prop_assert!(gradient[k] >= -1e-6 * size[k], "{k}: {} of {}", gradient[k], size[k]);
+                prop_assert!(x[k] == 0.0 || gradient[k].abs() <= 1e-6 * size[k], "{k}: {} of {}", gradient[k], size[k]);
+            }
+        }
+    }
+}
