@@ -9,8 +9,10 @@ use super::Ndf;
 pub struct Appearance {
     /// Diffuse albedo, linear RGB.
     pub rho_d: Vec3,
-    /// Specular albedo, linear RGB.
+    /// Specular albedo, linear RGB; under Schlick's Fresnel term the reflectance at normal incidence.
     pub rho_s: Vec3,
+    /// Reflectance at grazing under Schlick's Fresnel term; unused under another.
+    pub f90: f32,
     /// Roughness.
     pub alpha: f32,
     /// Share of GGX, between Beckmann (0) and GGX (1).

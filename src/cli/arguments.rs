@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::estimate::FresnelModel;
 use crate::render::Skip;
 
 /// Measures what an object's surface is made of from a turntable video and a light probe.
@@ -190,9 +191,10 @@ pub(super) struct FitChoices {
     /// `material`: all of a material, of which as many are found as the data ask for; `object`: all.
     #[arg(long, value_enum, default_value = "none")]
     pub(super) pool: PoolName,
-    /// Fresnel term: `eta=X`, exact dielectric of index X.
+    /// Fresnel term: `eta=X`, exact dielectric of index X; `schlick`, with F0 by channel and F90, for
+    /// metals; `auto`, a dielectric of index 1.3 or Schlick's by the evidence of all points.
     #[arg(long, default_value = "eta=1.3", value_parser = fresnel)]
-    pub(super) fresnel: f32,
+    pub(super) fresnel: FresnelModel,
     /// Surface points: `vertices`, or `texels=N` for an N × N map (the mesh needs UVs).
     #[arg(long, default_value = "vertices", value_parser = points)]
     pub(super) points: PointsChoice,
@@ -339,10 +341,15 @@ fn frame_range(text: &str) -> Result<Range<usize>, String> {
     }
 }
 
-fn fresnel(text: &str) -> Result<f32, String> {
-    match text.strip_prefix("eta=").map(str::parse::<f32>) {
-        Some(Ok(eta)) if eta > 1.0 && eta <= 4.0 => Ok(eta),
-        _ => Err("must be eta=X with X above 1 and at most 4, such as eta=1.3".to_owned()),
+fn fresnel(text: &str) -> Result<FresnelModel, String> {
+    match (text, text.strip_prefix("eta=").map(str::parse::<f32>)) {
+        ("schlick", _) => Ok(FresnelModel::Schlick),
+        ("auto", _) => Ok(FresnelModel::Auto { eta: 1.3 }),
+        (_, Some(Ok(eta))) if eta > 1.0 && eta <= 4.0 => Ok(FresnelModel::Dielectric { eta }),
+        _ => Err(
+            "must be eta=X with X above 1 and at most 4, such as eta=1.3, or schlick, or auto"
+                .to_owned(),
+        ),
     }
 }
 

@@ -106,6 +106,12 @@ pub(super) fn fit_capture(
     common: &Common,
 ) -> Result<(), Failure> {
     let settings = settings(choices);
+    if settings.estimator == Estimator::Gradient && settings.fresnel == FresnelModel::Schlick {
+        return Err(Failure::Input(anyhow::anyhow!(
+            "--fresnel schlick: the paper's gradient estimator knows only a dielectric; \
+             give --fresnel eta=1.3, or --estimator full"
+        )));
+    }
 
     // Load: mesh, light, and the points to fit.
     let started = Instant::now();
@@ -192,7 +198,7 @@ pub(super) fn fit_capture(
         table: &table,
         appearance: &fitted.appearance,
         grid: points.grid.as_ref(),
-        eta: choices.fresnel,
+        eta: fitted.eta,
     };
     folder.write(out)?;
     let mut status = StatusCounts::default();
@@ -272,9 +278,7 @@ fn settings(choices: &FitChoices) -> FitSettings {
             PoolName::Material => Pooling::Material,
             PoolName::Object => Pooling::Object,
         },
-        fresnel: FresnelModel::Dielectric {
-            eta: choices.fresnel,
-        },
+        fresnel: choices.fresnel,
         light_nodes: choices.light_nodes as usize,
         interreflections: choices.interreflections,
         window: choices.window.to_radians(),
@@ -295,8 +299,8 @@ fn table(mesh: &Mesh, points: &[SurfacePoint], estimates: &[Estimate]) -> PointT
         normal: points.iter().map(|p| p.normal.to_array()).collect(),
         rho_d: vector(&|e| e.rho_d),
         rho_s: vector(&|e| e.rho_s),
-        f90: number(&|_| 1.0),
-        fresnel: integer(&|_| 0),
+        f90: number(&|e| e.f90.unwrap_or(1.0)),
+        fresnel: integer(&|e| i32::from(e.f90.is_some())),
         alpha: number(&|e| e.alpha),
         ndf: integer(&|e| e.ndf as i32),
         sigma_rho_d: vector(&|e| e.sigma_rho_d),

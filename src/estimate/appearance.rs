@@ -6,6 +6,7 @@
 
 use glam::{Vec3, Vec4};
 
+use super::fresnel_model::PAPER_ETA;
 use super::{Estimate, Status};
 use crate::brdf::{Appearance, Ndf};
 
@@ -27,7 +28,10 @@ impl Estimate {
         let without_bars = self.sigma_alpha.is_infinite() && self.sigma_rho_s.is_infinite();
         let rho_s = self.rho_s.max_element();
         let precise = self.sigma_alpha < 0.25 * self.alpha && self.sigma_rho_s < 0.5 * rho_s;
-        let matte = rho_s + 2.0 * self.sigma_rho_s < MATTE;
+        let matte = {
+            let same = self.under(Some(PAPER_ETA));
+            same.rho_s.max_element() + 2.0 * same.sigma_rho_s < MATTE
+        };
         match self.status {
             Status::Converged | Status::AlphaAtBound => without_bars || precise || matte,
             Status::Unidentifiable => matte,
@@ -75,7 +79,8 @@ pub(super) fn lobes(estimates: &[Estimate], neighbours: &[Vec<u32>]) -> Vec<Appe
     );
     let shape = fill(
         estimates.iter().map(|e| {
-            let value = Vec3::new(e.alpha.ln(), f32::from(e.ndf == Ndf::Ggx), 0.0);
+            let f90 = e.f90.unwrap_or(1.0).max(DARKEST.x).ln();
+            let value = Vec3::new(e.alpha.ln(), f32::from(e.ndf == Ndf::Ggx), f90);
             (value, relative(e.sigma_alpha, e.alpha))
         }),
         &known,
@@ -87,6 +92,7 @@ pub(super) fn lobes(estimates: &[Estimate], neighbours: &[Vec<u32>]) -> Vec<Appe
         .map(|(rho_s, shape)| Appearance {
             rho_d: Vec3::ZERO,
             rho_s: rho_s.map(|v| v.exp()),
+            f90: shape.z.exp(),
             alpha: shape.x.exp(),
             ggx: shape.y,
         })

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::columns::{Columns, ForwardModel, Scratch};
 use super::gloss::Gloss;
 use super::interreflection::{self, Glow};
+use super::lobe_form::LobeForm;
 use super::model_choice::Shares;
 use super::noise::NoiseModel;
 use super::pooling::{self, PointProfile};
@@ -47,6 +48,8 @@ pub struct Fit {
     pub estimates: Vec<Estimate>,
     /// `[N]` parameters without gaps, to render with.
     pub appearance: Vec<Appearance>,
+    /// Index of refraction of the appearance's Fresnel term; none where it is Schlick's.
+    pub eta: Option<f32>,
     /// Counts.
     pub stats: FitStats,
 }
@@ -125,6 +128,7 @@ fn fit_by_gradient(
     Fit {
         estimates,
         appearance,
+        eta: settings.fresnel.eta(),
         stats,
     }
 }
@@ -209,7 +213,9 @@ fn fit_in_full(
         let residuals: Vec<Vec3> = first.iter().flat_map(|(_, r)| r).copied().collect();
         noise = NoiseModel::of_residuals(&residuals, traces.noise_is_known);
         if let Some(scene) = &scene {
-            let estimates: Vec<Estimate> = first.iter().map(|(estimate, _)| *estimate).collect();
+            let eta = settings.fresnel.eta();
+            let first = first.iter().map(|(estimate, _)| estimate.under(eta));
+            let estimates: Vec<Estimate> = first.collect();
             glow = Some(Glow::new(scene, &estimates, glow.as_ref()));
         }
     }
@@ -257,9 +263,12 @@ fn fit_in_full(
     }
 
     // Points without a lobe of their own get another, and an albedo that goes with it.
-    let mut appearance = appearance::lobes(&estimates, neighbours);
+    // An object is rendered under the Fresnel term of most of its points.
+    let eta = shares.commonest_fresnel(settings.fresnel);
+    let alike: Vec<Estimate> = estimates.iter().map(|e| e.under(eta)).collect();
+    let mut appearance = appearance::lobes(&alike, neighbours);
     stats.borrowed = count(estimates.iter(), |e| !e.lobe_is_known());
-    let rho_d: Vec<Option<Vec3>> = estimates
+    let rho_d: Vec<Option<Vec3>> = alike
         .par_iter()
         .enumerate()
         .map_init(memory, |(scratch, columns), (index, estimate)| {
@@ -268,14 +277,19 @@ fn fit_in_full(
             }
             let (trace, look) = (&nearest[index], &appearance[index]);
             coarse.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
-            let lobe = (look.ndf(), look.alpha, look.rho_s);
-            full::diffuse_beside(trace, columns, &noise, lobe)
+            let form = if eta.is_some() {
+                LobeForm::Rgb
+            } else {
+                LobeForm::Schlick
+            };
+            full::diffuse_beside(trace, columns, &noise, look, form)
         })
         .collect();
     appearance::complete(&mut appearance, &rho_d, neighbours);
     Fit {
         estimates,
         appearance,
+        eta,
         stats,
     }
 }

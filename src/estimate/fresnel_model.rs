@@ -9,7 +9,11 @@
 
 use serde::Serialize;
 
+use super::Estimate;
 use crate::brdf::{dielectric, schlick_weight};
+
+/// Index of refraction of the paper, and of the dielectric beside Schlick's term.
+pub(super) const PAPER_ETA: f32 = 1.3;
 
 /// The Fresnel terms that a fit may choose from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -41,6 +45,14 @@ pub(super) enum Basis {
 }
 
 impl FresnelModel {
+    /// Index of refraction of the first of its terms; none where that is Schlick's.
+    pub(super) fn eta(self) -> Option<f32> {
+        match self {
+            Self::Dielectric { eta } | Self::Auto { eta } => Some(eta),
+            Self::Schlick => None,
+        }
+    }
+
     /// The terms for which traces are modelled, in the order of their columns.
     pub(super) fn bases(self) -> &'static [Basis] {
         match self {
@@ -61,5 +73,30 @@ impl FresnelModel {
             (Basis::Normal, _) => 1.0 - schlick_weight(cos_d),
             (Basis::Grazing, _) => schlick_weight(cos_d),
         }
+    }
+}
+
+impl Estimate {
+    /// The same lobe under another Fresnel term, a dielectric of index `eta` or Schlick's: of equal
+    /// reflectance at normal incidence.
+    pub(super) fn under(&self, eta: Option<f32>) -> Self {
+        let mut same = *self;
+        match (self.f90, eta) {
+            (Some(_), Some(eta)) => {
+                let normal = dielectric(1.0, eta);
+                same.rho_s /= normal;
+                same.sigma_rho_s /= normal;
+                same.f90 = None;
+            }
+            (None, None) => {
+                // A point without a lobe, or of a dielectric whose index nothing says: the paper's.
+                let normal = dielectric(1.0, PAPER_ETA);
+                same.f90 = Some(self.rho_s.max_element());
+                same.rho_s *= normal;
+                same.sigma_rho_s *= normal;
+            }
+            (Some(_), None) | (None, Some(_)) => {}
+        }
+        same
     }
 }

@@ -13,7 +13,7 @@ use super::problem::{ActiveBounds, Model, Problem, Solution};
 use super::search::Landscape;
 use super::uncertainty::{Deviations, verdict};
 use super::{Estimate, FitSettings, Reason, Status};
-use crate::brdf::Ndf;
+use crate::brdf::{Appearance, Ndf};
 use crate::traces::Trace;
 
 /// Rounds of weights by the residuals' tails.
@@ -134,26 +134,29 @@ pub(super) fn diffuse_beside(
     trace: &Trace,
     columns: &Columns,
     noise: &NoiseModel,
-    (ndf, alpha, rho_s): (Ndf, f32, Vec3),
+    look: &Appearance,
+    form: LobeForm,
 ) -> Option<Vec3> {
+    let (ndf, ln_alpha) = (look.ndf(), look.alpha.ln());
+    let mut parameters = form.of_rho_s(look.rho_s);
+    if form == LobeForm::Schlick {
+        parameters[3] = f64::from(look.f90);
+    }
     let problem = Problem::new(trace, columns, noise);
     let none = ActiveBounds::new();
     let precisions = problem.precisions(&none);
     let mut weights = vec![1.0; precisions.len()];
     let mut known = None;
-    let model = Model {
-        ndf,
-        form: LobeForm::Rgb,
-    };
+    let model = Model { ndf, form };
+    let m = form.size();
     for _ in 0..ROUNDS {
         let mut normal = Normal {
             size: 3,
             ..Normal::default()
         };
-        let lobe = model.form.jacobian(columns, ndf, alpha.ln());
+        let lobe = form.jacobian(columns, ndf, ln_alpha);
         for (i, (p, _)) in precisions.iter().enumerate() {
-            let rho_s = rho_s.as_dvec3();
-            let specular: DVec3 = (0..3).map(|c| lobe[3 * i + c] * rho_s[c]).sum();
+            let specular: DVec3 = (0..m).map(|j| lobe[m * i + j] * parameters[j]).sum();
             let rest = problem.observed(i) - specular;
             normal.add_diffuse(&(*p * weights[i]), problem.diffuse(i), rest);
         }
@@ -164,10 +167,10 @@ pub(super) fn diffuse_beside(
         let rho_d = DVec3::new(x[0], x[1], x[2]);
         let solution = Solution {
             rho_d,
-            lobe: LobeForm::Rgb.of_rho_s(rho_s),
+            lobe: parameters,
             ..Solution::default()
         };
-        let squares = problem.squares(model, f64::from(alpha.ln()), &solution);
+        let squares = problem.squares(model, f64::from(ln_alpha), &solution);
         let scale;
         (weights, scale) = problem.reweigh(&squares, &weights, 3);
         let information = (0..3).map(|c| normal.a[c][..3].to_vec()).collect();
@@ -288,7 +291,7 @@ impl<'p, 'a> Minimum<'p, 'a> {
             alpha,
             ndf,
             sigma_rho_d: deviations.rho_d,
-            sigma_rho_s: deviations.lobe.iter().copied().fold(0.0, f64::max) as f32,
+            sigma_rho_s: deviations.lobe.iter().take(3).copied().fold(0.0, f64::max) as f32,
             sigma_alpha: alpha * deviations.ln_alpha as f32,
             frames: problem.trace.frames(),
             residual: self.relative_residual(),

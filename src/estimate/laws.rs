@@ -9,10 +9,11 @@ use super::columns::{Columns, ForwardModel, ROUGHNESSES, Scratch, roughness};
 use super::fresnel_model::{Basis, FresnelModel};
 use super::full;
 use super::gloss::{self, Gloss};
+use super::lobe_form::LobeForm;
 use super::model_choice::Shares;
 use super::noise::NoiseModel;
 use super::visibility::Visibility;
-use crate::brdf::{Alpha, Ndf, dielectric};
+use crate::brdf::{Alpha, Appearance, Ndf, dielectric};
 use crate::geometry::Local;
 use crate::image::RgbImage;
 use crate::mesh::SurfacePoint;
@@ -355,18 +356,25 @@ fn a_matte_point_has_no_lobe() {
     );
 }
 
+const LOOK: Appearance = Appearance {
+    rho_d: Vec3::ZERO,
+    rho_s: Vec3::ONE,
+    f90: 1.0,
+    alpha: 0.2,
+    ggx: 1.0,
+};
+
 #[test]
 fn diffuse_beside_a_lobe_is_what_it_leaves() {
     let colour = Vec3::new(0.4, 0.3, 0.2);
     let (trace, columns) = synthetic((Ndf::Ggx, 0.2, 2.35), colour);
     let noise = NoiseModel::independent(false);
     let beside = |rho_s: f32| {
-        full::diffuse_beside(
-            &trace,
-            &columns,
-            &noise,
-            (Ndf::Ggx, 0.2, Vec3::splat(rho_s)),
-        )
+        let look = Appearance {
+            rho_s: Vec3::splat(rho_s),
+            ..LOOK
+        };
+        full::diffuse_beside(&trace, &columns, &noise, &look, LobeForm::Rgb)
     };
     assert!((beside(2.35).unwrap() - colour).abs().max_element() < 0.002);
     assert!(
@@ -377,5 +385,5 @@ fn diffuse_beside_a_lobe_is_what_it_leaves() {
     dark.observations
         .iter_mut()
         .for_each(|o| o.variance = Vec3::INFINITY);
-    assert!(full::diffuse_beside(&dark, &columns, &noise, (Ndf::Ggx, 0.2, Vec3::ONE)).is_none());
+    assert!(full::diffuse_beside(&dark, &columns, &noise, &LOOK, LobeForm::Rgb).is_none());
 }

@@ -37,6 +37,8 @@ mod visibility;
 #[cfg(test)]
 mod error_laws;
 #[cfg(test)]
+mod fresnel_laws;
+#[cfg(test)]
 mod laws;
 #[cfg(test)]
 mod reason_laws;

@@ -10,7 +10,9 @@
 //!
 //! A point of firm evidence is not moved: every π_m is at least 1/(N + M).
 
+use super::fresnel_model::FresnelModel;
 use super::full::Candidate;
+use super::lobe_form::LobeForm;
 use super::problem::Model;
 use super::uncertainty::LARGEST_SIGMA_LN_ALPHA;
 use super::{Estimate, Reason, Status};
@@ -71,6 +73,16 @@ impl Shares {
         }
         let models = self.models.iter().map(|(model, _)| *model);
         models.filter(|model| Some(model.form) == form).collect()
+    }
+
+    /// Index of refraction where most points are dielectrics, none where most follow Schlick's term.
+    pub(super) fn commonest_fresnel(&self, allowed: FresnelModel) -> Option<f32> {
+        let schlick = self
+            .models
+            .iter()
+            .filter(|(m, _)| m.form == LobeForm::Schlick);
+        let share: f64 = schlick.map(|(_, share)| share).sum();
+        allowed.eta().filter(|_| share < 0.5)
     }
 
     /// Probability of each model, given its score.
@@ -136,11 +148,17 @@ fn conclude(candidates: &[Candidate], posteriors: &[f64], best: usize) -> Estima
         return estimate;
     }
     // Each parameter's variance: its own, and how far the others are away, by their probability.
+    // Lobes of another Fresnel term have albedos and roughnesses of another kind, and stay out.
     let spread = |of: &dyn Fn(&Estimate) -> (f64, f64)| {
         let (centre, own) = of(&chosen.estimate);
         let mut variance = 0.0;
         for (candidate, posterior) in candidates.iter().zip(posteriors) {
-            let (value, sigma) = of(&candidate.estimate);
+            let alike = candidate.estimate.f90.is_some() == chosen.estimate.f90.is_some();
+            let (value, sigma) = of(if alike {
+                &candidate.estimate
+            } else {
+                &chosen.estimate
+            });
             variance += posterior
                 * if sigma.is_finite() {
                     sigma * sigma + (value - centre).powi(2)
@@ -177,7 +195,6 @@ fn conclude(candidates: &[Candidate], posteriors: &[f64], best: usize) -> Estima
 
 #[cfg(test)]
 mod tests {
-    use super::super::lobe_form::LobeForm;
     use super::*;
 
     fn models() -> Vec<Model> {

@@ -15,10 +15,13 @@
 use glam::{DMat3, Vec3};
 
 use super::columns::{ROUGHNESSES, roughness};
+use super::fresnel_model::PAPER_ETA;
 use super::full::Minimum;
 use super::least_squares::{UNKNOWNS, inverse_diagonal};
+use super::lobe_form::LobeForm;
 use super::normal_table::NormalTable;
 use super::{Reason, Status};
+use crate::brdf::dielectric;
 
 /// A standard deviation of `ln alpha` above this says that the data do not determine alpha: the
 /// 68 % interval then spans more than a factor of 2.7.
@@ -230,7 +233,11 @@ pub(super) fn verdict(
         };
         return (status, Reason::None);
     }
-    let sight = Sight::of(table, minimum.ln_alpha, spread);
+    let unit = match minimum.objective.model.form {
+        LobeForm::Neutral | LobeForm::Rgb => 1.0,
+        LobeForm::Schlick => f64::from(dielectric(1.0, PAPER_ETA)),
+    };
+    let sight = Sight::of(table, minimum.ln_alpha, spread / (unit * unit));
     let reason = if minimum.objective.problem.trace.frames() < FEWEST_FRAMES {
         Reason::TooFewFrames
     } else if sight.beside_diffuse > LARGEST_UNIT_SIGMA {

@@ -28,8 +28,8 @@ pub struct FitFolder<'a> {
     pub appearance: &'a [Appearance],
     /// Where the points stand in texture space, if they are texels.
     pub grid: Option<&'a TexelGrid>,
-    /// Index of refraction of the estimates' Fresnel term.
-    pub eta: f32,
+    /// Index of refraction of the Fresnel term; none where it is Schlick's, with `rho_s` as F0.
+    pub eta: Option<f32>,
 }
 
 impl FitFolder<'_> {
@@ -78,6 +78,11 @@ impl FitFolder<'_> {
         })
     }
 
+    /// What the specular albedo is called.
+    fn specular_name(&self) -> &'static str {
+        if self.eta.is_some() { "rho_s" } else { "f0" }
+    }
+
     /// The estimates as vertex properties.
     fn add_properties(&self, mesh: &mut Mesh) -> MaterialSource {
         let mut property = |name: String, value: &dyn Fn(&Appearance) -> f32| {
@@ -86,7 +91,12 @@ impl FitFolder<'_> {
         };
         for (c, suffix) in ["r", "g", "b"].into_iter().enumerate() {
             property(format!("rho_d_{suffix}"), &|look| look.rho_d[c]);
-            property(format!("rho_s_{suffix}"), &|look| look.rho_s[c]);
+            property(format!("{}_{suffix}", self.specular_name()), &|look| {
+                look.rho_s[c]
+            });
+        }
+        if self.eta.is_none() {
+            property("f90".to_owned(), &|look| look.f90);
         }
         property("alpha".to_owned(), &|look| look.alpha);
         property("ggx".to_owned(), &|look| look.ggx);
@@ -94,9 +104,15 @@ impl FitFolder<'_> {
             ggx: MapSource::Vertex("ggx".to_owned()),
             alpha: MapSource::Vertex("alpha".to_owned()),
             rho_d: MapSource::Vertex("rho_d".to_owned()),
-            specular: SpecularSource::Dielectric {
-                eta: self.eta,
-                rho_s: MapSource::Vertex("rho_s".to_owned()),
+            specular: match self.eta {
+                Some(eta) => SpecularSource::Dielectric {
+                    eta,
+                    rho_s: MapSource::Vertex("rho_s".to_owned()),
+                },
+                None => SpecularSource::Schlick {
+                    f0: MapSource::Vertex("f0".to_owned()),
+                    f90: MapSource::Vertex("f90".to_owned()),
+                },
             },
         }
     }
@@ -125,7 +141,7 @@ impl FitFolder<'_> {
         let look =
             |value: &dyn Fn(&Appearance) -> Vec3| self.appearance.iter().map(value).collect();
         let rho_d = write("rho_d", &RGB, look(&|a| a.rho_d))?;
-        let rho_s = write("rho_s", &RGB, look(&|a| a.rho_s))?;
+        let albedo = write(self.specular_name(), &RGB, look(&|a| a.rho_s))?;
         let alpha = write("alpha", &["Y"], look(&|a| Vec3::splat(a.alpha)))?;
         let ggx = write("ggx", &["Y"], look(&|a| Vec3::splat(a.ggx)))?;
         write("sigma_rho_d", &RGB, rows(&self.table.sigma_rho_d))?;
@@ -135,9 +151,15 @@ impl FitFolder<'_> {
             ggx: MapSource::Texture(ggx),
             alpha: MapSource::Texture(alpha),
             rho_d: MapSource::Texture(rho_d),
-            specular: SpecularSource::Dielectric {
-                eta: self.eta,
-                rho_s: MapSource::Texture(rho_s),
+            specular: match self.eta {
+                Some(eta) => SpecularSource::Dielectric {
+                    eta,
+                    rho_s: MapSource::Texture(albedo),
+                },
+                None => SpecularSource::Schlick {
+                    f0: MapSource::Texture(albedo),
+                    f90: MapSource::Texture(write("f90", &["Y"], look(&|a| Vec3::splat(a.f90)))?),
+                },
             },
         })
     }

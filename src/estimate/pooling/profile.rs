@@ -90,7 +90,7 @@ impl PointProfile {
         estimate.alpha = lobe.ln_alpha.exp() as f32;
         estimate.ndf = model.ndf;
         estimate.sigma_alpha = estimate.alpha * lobe.sigma_ln_alpha as f32;
-        estimate.sigma_rho_s = lobe.sigma_lobe[..lobe.size]
+        estimate.sigma_rho_s = lobe.sigma_lobe[..lobe.size.min(3)]
             .iter()
             .copied()
             .fold(0.0, f64::max) as f32;
