@@ -46,6 +46,7 @@ helmet=$root/../shared/data/meshes/flighthelmet/FlightHelmet.gltf # 95k triangle
 check check_brdf "${quick[@]}"
 check check_probe "${quick[@]}"
 check check_calibration "${quick[@]}"
+check check_probe_merge "${quick[@]}"
 check check_hits --rays "$rays" "${meshes[@]}"
 check check_images "${quick[@]}"
 check check_target_error "${quick[@]}"

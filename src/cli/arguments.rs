@@ -48,6 +48,9 @@ pub(super) enum Command {
     Compare(Compare),
     /// Hand a scene or a fit to other programs.
     Export(Export),
+    /// From the light probe's photographs to a light that can be trusted.
+    #[command(subcommand)]
+    Probe(super::probe::Probe),
     /// One self-contained HTML page about a fit.
     Report(Report),
     /// The lens from chessboard photographs, or cameras from other programs' files.

@@ -61,6 +61,7 @@ input_failure!(
     crate::compare::CompareError,
     crate::export::ExportError,
     crate::mesh::MeshError,
+    crate::probe::MergeError,
     crate::render::RenderError,
     crate::rig::CornerFileError,
     crate::rig::ImportError,

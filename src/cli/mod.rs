@@ -7,6 +7,7 @@ mod demo;
 mod export;
 mod failure;
 mod fit;
+mod probe;
 mod progress;
 mod register;
 mod render;
@@ -48,6 +49,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Reproduce(arguments) => reproduce::run(arguments, &cli.common),
         Command::Compare(arguments) => compare::run(arguments, &cli.common),
         Command::Export(arguments) => export::run(arguments, &cli.common),
+        Command::Probe(probe) => probe::run(probe, &cli.common),
         Command::Report(arguments) => report::run(arguments, &cli.common),
         Command::Camera(command) => camera::run(command, &cli.common),
     };

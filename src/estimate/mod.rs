@@ -14,6 +14,7 @@
 mod appearance;
 mod columns;
 mod fit;
+mod forecast;
 mod fresnel_model;
 mod full;
 mod gloss;
@@ -46,6 +47,7 @@ mod reason_laws;
 mod turntable;
 
 pub use fit::{Fit, FitStats, fit};
+pub use forecast::{CapturePlan, FORECAST_ALPHAS, Forecast, Forecaster, Lamp, UNKNOWN};
 pub use fresnel_model::FresnelModel;
 
 use glam::Vec3;

@@ -1,13 +1,15 @@
-//! Linear float images in memory, and their files: EXR, Radiance HDR, PNG, JPEG, TIFF.
+//! Linear float images in memory, and their files: EXR, Radiance HDR, PNG, JPEG, TIFF, and cameras' raw files.
 //!
 //! Samples pass through unchanged: NaN, infinite and negative ones too. Whoever uses an image knows
 //! what they mean there (a probe repairs and reports them, a comparison refuses them).
 
 mod atomic;
 mod colormap;
+mod exposure;
 mod exr;
 #[cfg(test)]
 mod file_laws;
+mod raw;
 mod read;
 mod tone;
 mod write;
@@ -16,6 +18,7 @@ use std::path::{Path, PathBuf};
 
 pub use atomic::write_atomically;
 pub use colormap::viridis;
+pub use exposure::Exposure;
 pub use read::{MAX_PIXELS, read_exr_channels};
 pub use tone::{ToneCurve, luminance, srgb_decode, srgb_encode};
 pub use write::{encode_png, encode_png_bytes, write_exr, write_exr_channels, write_png};
@@ -40,6 +43,20 @@ pub struct Mask {
     pub height: usize,
     /// `[height * width]` coverage, 0..=255.
     pub pixels: Vec<u8>,
+}
+
+/// What the samples of a file were before they became floats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// Integers of 8 bits.
+    Bits8,
+    /// Integers of 16 bits.
+    Bits16,
+    /// Floats: linear.
+    Float,
+    /// A sensor's own, demosaiced (bilinear): the camera's linear RGB, black at 0 and the sensor's white at
+    /// 1, without white balance or colour matrix, since both may change from frame to frame.
+    Raw,
 }
 
 /// One named plane of float samples, for EXR layers such as `depth.Z` or `alpha`.

@@ -11,7 +11,7 @@ use std::{
 
 use ::image::{DynamicImage, ImageDecoder, ImageReader, Limits, codecs::hdr::HdrDecoder};
 
-use super::{Channel, Fault, ImageError, Mask, RgbImage, exr, srgb_decode};
+use super::{Channel, Depth, Fault, ImageError, Mask, RgbImage, exr, raw, srgb_decode};
 
 /// The largest image that is read; 16384 × 8192, the largest probe, is half of it.
 pub const MAX_PIXELS: usize = 1 << 28;
@@ -23,7 +23,7 @@ pub(super) const PACKED_MOST: u64 = 1 << 16;
 /// The same for PNG, JPEG and TIFF: progressive JPEG comes to 1536, LZW to 2700, deflate to 1032. The
 /// decoder of JPEG fills what is missing with grey, so that a header of a kilobyte became an image of
 /// 400 MB under the limit above.
-const PACKED_LESS: u64 = 1 << 12;
+pub(super) const PACKED_LESS: u64 = 1 << 12;
 
 /// What integer samples of PNG, JPEG and TIFF stand for.
 #[derive(Clone, Copy)]
@@ -34,15 +34,21 @@ enum Encoding {
 
 impl RgbImage {
     /// Reads EXR, Radiance HDR, PNG, JPEG or TIFF as linear RGB: integer samples are taken as sRGB and
-    /// decoded, float samples stay as they are. Grey is expanded, alpha dropped.
+    /// decoded, float samples stay as they are. Grey is expanded, alpha dropped. A camera's raw file or
+    /// DNG is demosaiced to the camera's own linear RGB (see [`Depth::Raw`]).
     ///
     /// EXR: the first layer with R, G, B, else Y, else a lone channel; the display window, 0 where the file holds no data.
     pub fn read(path: &Path) -> Result<Self, ImageError> {
-        read_file(path, |file| read_any(file, Encoding::Srgb))
+        read_file(path, |file| read_any(file, Encoding::Srgb)).map(|(image, _)| image)
     }
 
     /// As [`RgbImage::read`], but integer samples are only divided by their maximum: for maps of numbers.
     pub fn read_raw(path: &Path) -> Result<Self, ImageError> {
+        Self::read_samples(path).map(|(image, _)| image)
+    }
+
+    /// As [`RgbImage::read_raw`], and what the file's samples were.
+    pub fn read_samples(path: &Path) -> Result<(Self, Depth), ImageError> {
         read_file(path, |file| read_any(file, Encoding::Raw))
     }
 }
@@ -68,7 +74,7 @@ pub fn read_exr_channels(path: &Path) -> Result<(usize, usize, Vec<Channel>), Im
     read_file(path, exr::read_channels)
 }
 
-fn read_file<T>(
+pub(super) fn read_file<T>(
     path: &Path,
     read: impl FnOnce(BufReader<File>) -> Result<T, Fault>,
 ) -> Result<T, ImageError> {
@@ -82,7 +88,7 @@ fn read_file<T>(
     open().map_err(|fault| ImageError::file(path, fault))
 }
 
-fn read_any(mut file: impl BufRead + Seek, encoding: Encoding) -> Result<RgbImage, Fault> {
+fn read_any(mut file: impl BufRead + Seek, encoding: Encoding) -> Result<(RgbImage, Depth), Fault> {
     let mut magic = Vec::new();
     file.by_ref()
         .take(4)
@@ -90,10 +96,22 @@ fn read_any(mut file: impl BufRead + Seek, encoding: Encoding) -> Result<RgbImag
         .map_err(Fault::damaged)?;
     file.rewind().map_err(Fault::damaged)?;
     if magic == exr::MAGIC {
-        return exr::read_rgb(file);
+        return exr::read_rgb(file).map(|image| (image, Depth::Float));
+    }
+    if raw::may_be(&magic)
+        && let Some(image) = raw::read(&mut file)?
+    {
+        return Ok((image, Depth::Raw));
     }
     let image = without_panic(|| decode(file))?;
     let (width, height) = (image.width() as usize, image.height() as usize);
+    let depth = match &image {
+        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => Depth::Float,
+        image if image.color().bytes_per_pixel() / image.color().channel_count() == 1 => {
+            Depth::Bits8
+        }
+        _ => Depth::Bits16,
+    };
     let pixels = match image {
         DynamicImage::ImageLuma8(samples) => expand_u8(&samples, 1, encoding),
         DynamicImage::ImageLumaA8(samples) => expand_u8(&samples, 2, encoding),
@@ -110,14 +128,15 @@ fn read_any(mut file: impl BufRead + Seek, encoding: Encoding) -> Result<RgbImag
             return Err(Fault::new(reason, "convert it to EXR or 16-bit PNG"));
         }
     };
-    Ok(RgbImage {
+    let image = RgbImage {
         width,
         height,
         pixels,
-    })
+    };
+    Ok((image, depth))
 }
 
-/// Everything but EXR.
+/// Everything but EXR and raw files.
 fn decode(mut file: impl BufRead + Seek) -> Result<DynamicImage, Fault> {
     const KNOWN: &str = "give EXR, Radiance HDR, PNG, JPEG or TIFF";
     let file_bytes = file.seek(SeekFrom::End(0)).map_err(Fault::damaged)?;
@@ -237,7 +256,7 @@ fn expand<T: Copy>(samples: &[T], channels: usize, value: impl Fn(T) -> f32) -> 
 /// The readers of [`RgbImage::read`] and [`Mask::read`] on bytes in memory.
 #[cfg(test)]
 pub(super) fn for_fuzz(file: std::io::Cursor<&[u8]>) {
-    if let Ok(image) = read_any(file.clone(), Encoding::Srgb) {
+    if let Ok((image, _)) = read_any(file.clone(), Encoding::Srgb) {
         assert_eq!(image.pixels.len(), image.width * image.height);
     }
     let _ = without_panic(|| decode(file));

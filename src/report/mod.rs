@@ -5,6 +5,7 @@ mod charts;
 mod embed;
 mod overlay;
 mod page;
+mod probe;
 mod registration;
 mod views;
 
@@ -12,6 +13,8 @@ pub use overlay::write_overlay;
 pub use registration::{RegistrationPage, registration_text, write_registration_page};
 
 use std::path::{Path, PathBuf};
+
+pub use probe::{ProbePage, write_probe_page};
 
 use crate::compare::{CompareError, SequenceErrors, compare_sequences};
 use crate::export::{ExportError, PointTable};

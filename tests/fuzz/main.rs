@@ -22,11 +22,14 @@
 )]
 
 mod cameras;
+mod brackets;
 mod folders;
 mod images;
 mod memory;
 mod meshes;
 mod mutate;
+#[path = "../photographs/mod.rs"]
+mod photographs;
 mod room;
 mod scenes;
 mod seeds;

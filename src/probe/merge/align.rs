@@ -1,0 +1,217 @@
+//! Small shifts between the frames of a bracket (Ward 2003, *Fast, Robust Image Registration for
+//! Compositing High Dynamic Range Photographs from Hand-Held Exposures*).
+//!
+//! Two frames are cut into bright and dark where the same share of pixels lies below: a response that
+//! never falls keeps their order, so the cuts are the same curve in the scene, whatever the response and
+//! the exposures. The shift with the fewest disagreeing pixels is found from coarse to fine. Ward cuts
+//! at the median; here at the share that is best exposed in both frames.
+
+use super::Frame;
+
+/// Levels of the pyramid at most: shifts up to 2^5 − 1 pixels.
+const LEVELS: u32 = 5;
+/// Pixels this close to the cut are noise.
+const TOLERANCE: f32 = 4.0 / 255.0;
+/// A shift must remove this share of the disagreement: where nothing moved, noise decides between
+/// neighbours and should not.
+const GAIN: f64 = 0.2;
+/// Tiles on a side in which a shift must hold.
+const TILES: usize = 4;
+/// And this share of the pixels: a few edges make more disagree for a shift of one. Without it, frames of a smooth scene were moved by two pixels along its contours.
+const LEAST_GAIN: f64 = 0.003;
+
+/// By how many columns and rows each frame must be moved to lie on the middle one; frames in the order of
+/// exposures, each compared with its neighbour.
+pub(super) fn shifts(frames: &[Frame]) -> Vec<(i32, i32)> {
+    let middle = frames.len() / 2;
+    let mut shifts = vec![(0, 0); frames.len()];
+    let chain = |from: usize, to: usize, shifts: &mut Vec<(i32, i32)>| {
+        let (x, y) = shift(&frames[to], &frames[from]);
+        shifts[from] = (shifts[to].0 + x, shifts[to].1 + y);
+    };
+    for from in (0..middle).rev() {
+        chain(from, from + 1, &mut shifts);
+    }
+    for from in middle + 1..frames.len() {
+        chain(from, from - 1, &mut shifts);
+    }
+    shifts
+}
+
+/// Bright (+1), dark (−1) or undecided (0).
+struct Cut {
+    width: usize,
+    height: usize,
+    signs: Vec<i8>,
+}
+
+/// The shift of `moved` onto `fixed`.
+fn shift(fixed: &Frame, moved: &Frame) -> (i32, i32) {
+    let (width, height) = (fixed.samples.width, fixed.samples.height);
+    // No shift of more than a twelfth of the image.
+    let levels = (width.min(height) / 12).max(1).ilog2().min(LEVELS);
+    let pyramids = [fixed, moved].map(|frame| pyramid(frame, levels));
+    let mut best = (0, 0);
+    for level in (0..pyramids[0].len()).rev() {
+        best = (2 * best.0, 2 * best.1);
+        let Some((a, b)) = cuts(&pyramids[0][level], &pyramids[1][level]) else {
+            continue;
+        };
+        let centre = best;
+        let mut least = disagreement(&a, &b, centre);
+        for dy in -1..=1 {
+            for dx in -1..=1 {
+                let candidate = (centre.0 + dx, centre.1 + dy);
+                let count = disagreement(&a, &b, candidate);
+                if count < least {
+                    (best, least) = (candidate, count);
+                }
+            }
+        }
+    }
+    let Some((a, b)) = cuts(&pyramids[0][0], &pyramids[1][0]) else {
+        return (0, 0);
+    };
+    if believable(&counts(&a, &b, (0, 0)), &counts(&a, &b, best)) {
+        best
+    } else {
+        (0, 0)
+    }
+}
+
+/// Whether a shift removes enough disagreement, and all over the image: something that moved by itself is better
+/// matched in one place and leaves the rest worse.
+fn believable(still: &[Count; TILES * TILES], moved: &[Count; TILES * TILES]) -> bool {
+    let (mut before, mut after, mut decided) = (0.0, 0.0, 0.0);
+    let (mut better, mut worse) = (0, 0);
+    for (s, m) in still.iter().zip(moved) {
+        // The same number of pixels in both, so that what left the image does not count.
+        let (differ, remain) = (s.differ as f64, m.share() * s.decided as f64);
+        (before, after) = (before + differ, after + remain);
+        decided += s.decided as f64;
+        let doubt = 3.0 * (differ + remain).sqrt() + 2.0;
+        better += usize::from(differ - remain > doubt);
+        worse += usize::from(remain - differ > doubt);
+    }
+    let gain = before - after;
+    gain > GAIN * before && gain > LEAST_GAIN * decided && better >= 4 && 4 * worse <= better
+}
+
+/// Green, halved again and again.
+struct Grey {
+    width: usize,
+    height: usize,
+    values: Vec<f32>,
+}
+
+fn pyramid(frame: &Frame, levels: u32) -> Vec<Grey> {
+    let image = &frame.samples;
+    let mut pyramid = vec![Grey {
+        width: image.width,
+        height: image.height,
+        values: image.pixels.iter().map(|p| p[1]).collect(),
+    }];
+    for level in 0..levels as usize {
+        let fine = &pyramid[level];
+        let (width, height) = (fine.width / 2, fine.height / 2);
+        let values = (0..width * height)
+            .map(|i| {
+                let corner = 2 * (i / width) * fine.width + 2 * (i % width);
+                let below = corner + fine.width;
+                let v = &fine.values;
+                0.25 * (v[corner] + v[corner + 1] + v[below] + v[below + 1])
+            })
+            .collect();
+        pyramid.push(Grey {
+            width,
+            height,
+            values,
+        });
+    }
+    pyramid
+}
+
+/// Both frames cut at the same share; `None` where no share is well exposed in both.
+fn cuts(fixed: &Grey, moved: &Grey) -> Option<(Cut, Cut)> {
+    let sorted = [fixed, moved].map(|grey| {
+        let mut values = grey.values.clone();
+        values.sort_unstable_by(f32::total_cmp);
+        values
+    });
+    let room = |v: f32| v.min(1.0 - v);
+    let (share, most) = (5..=95)
+        .step_by(5)
+        .map(|percent| {
+            let place = |values: &[f32]| values[(values.len() - 1) * percent / 100];
+            let rooms = sorted.each_ref().map(|values| room(place(values)));
+            (percent, rooms[0].min(rooms[1]))
+        })
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    if most < 2.0 * TOLERANCE {
+        return None;
+    }
+    let cut = |grey: &Grey, values: &[f32]| {
+        let threshold = values[(values.len() - 1) * share / 100];
+        let sign = |v: &f32| {
+            if (v - threshold).abs() < TOLERANCE {
+                0
+            } else if *v > threshold {
+                1
+            } else {
+                -1
+            }
+        };
+        Cut {
+            width: grey.width,
+            height: grey.height,
+            signs: grey.values.iter().map(sign).collect(),
+        }
+    };
+    Some((cut(fixed, &sorted[0]), cut(moved, &sorted[1])))
+}
+
+/// Pixels that both frames decide, and those of them that disagree.
+#[derive(Clone, Copy, Default)]
+struct Count {
+    decided: u64,
+    differ: u64,
+}
+
+impl Count {
+    fn share(self) -> f64 {
+        if self.decided == 0 {
+            1.0
+        } else {
+            self.differ as f64 / self.decided as f64
+        }
+    }
+}
+
+/// Share of decided pixels that disagree when `moved` is shifted.
+fn disagreement(fixed: &Cut, moved: &Cut, shift: (i32, i32)) -> f64 {
+    let mut all = Count::default();
+    for count in counts(fixed, moved, shift) {
+        all.decided += count.decided;
+        all.differ += count.differ;
+    }
+    all.share()
+}
+
+/// Counts by tile of the fixed frame.
+fn counts(fixed: &Cut, moved: &Cut, shift: (i32, i32)) -> [Count; TILES * TILES] {
+    let (width, height) = (fixed.width as i64, fixed.height as i64);
+    let (dx, dy) = (i64::from(shift.0), i64::from(shift.1));
+    let (x0, x1) = (dx.max(0), (width + dx).min(width));
+    let mut counts = [Count::default(); TILES * TILES];
+    for y in dy.max(0)..(height + dy).min(height) {
+        let row = y as usize * TILES / fixed.height * TILES;
+        for x in x0..x1 {
+            let a = fixed.signs[(y * width + x) as usize];
+            let b = moved.signs[((y - dy) * width + x - dx) as usize];
+            let count = &mut counts[row + x as usize * TILES / fixed.width];
+            count.decided += u64::from(a * b != 0);
+            count.differ += u64::from(a * b < 0);
+        }
+    }
+    counts
+}
