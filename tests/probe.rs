@@ -339,6 +339,8 @@ fn a_real_chart_is_matched() {
         "match",
         text(&dng),
         "colorchecker",
+        "--greys",
+        "chart",
         "--probe-corners",
         "714,626,1250,616,1256,924,702,930",
         "--out",

@@ -21,8 +21,8 @@
     reason = "a long run says what it did"
 )]
 
-mod cameras;
 mod brackets;
+mod cameras;
 mod folders;
 mod images;
 mod memory;

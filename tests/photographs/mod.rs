@@ -7,7 +7,7 @@ fn tiff(entries: &[(u16, u16, Vec<u8>)], points: u16, rest: &[u8]) -> Vec<u8> {
     let mut file = b"II*\0\x08\0\0\0".to_vec();
     file.extend((entries.len() as u16).to_le_bytes());
     let mut after = 8 + 2 + 12 * entries.len() + 4;
-    let mut long = Vec::new();
+    let mut following: Vec<u8> = Vec::new();
     let end = after
         + entries
             .iter()
@@ -22,14 +22,14 @@ fn tiff(entries: &[(u16, u16, Vec<u8>)], points: u16, rest: &[u8]) -> Vec<u8> {
         } else if value.len() > 4 {
             file.extend((after as u32).to_le_bytes());
             after += value.len();
-            long.extend(value);
+            following.extend(value);
         } else {
             file.extend(value);
             file.extend(vec![0; 4 - value.len()]);
         }
     }
     file.extend([0; 4]);
-    file.extend(long);
+    file.extend(following);
     file.extend(rest);
     file
 }

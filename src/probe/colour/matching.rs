@@ -174,7 +174,8 @@ fn white(camera: &[[f64; 3]]) -> [f64; 3] {
     brightest.map(|c| (c / WHITE).max(f64::MIN_POSITIVE))
 }
 
-/// The matrix with the least squares in CIELAB: linear least squares relative to luminance first, then
+/// The matrix with the least `Σ ΔE²/(1 + ΔE)`, ΔE2000: squares of small differences, and large ones as they
+/// are, so that a patch in a shadow does not bend the rest. Linear least squares relative to luminance first, then
 /// Levenberg and Marquardt.
 fn fit(from: &[[f64; 3]], to: &[[f64; 3]]) -> Result<[[f64; 3]; 3], ColourError> {
     let flat = |reason: &str| ColourError::Data {
@@ -211,8 +212,17 @@ fn fit(from: &[[f64; 3]], to: &[[f64; 3]]) -> Result<[[f64; 3]; 3], ColourError>
         let both = from.iter().zip(to);
         both.flat_map(|(p, c)| {
             let (a, b) = (Lab::of(multiply(m, *p), white), Lab::of(*c, white));
+            let difference = delta_e_2000(a, b);
             let (a, b) = (a.list(), b.list());
-            [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+            let apart = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+            let length = apart.iter().map(|d| d * d).sum::<f64>().sqrt();
+            // Of length ΔE/√(1 + ΔE).
+            let scale = if length > 1e-9 {
+                difference / (1.0 + difference).sqrt() / length
+            } else {
+                1.0
+            };
+            apart.map(|d| scale * d)
         })
         .collect()
     };

@@ -1,12 +1,11 @@
 //! The colours of the probe's camera made those of the object's camera, from a chart seen by both.
 //!
 //! ```text
-//! camera = M · curve(probe),     min over M   Σ_patches ‖Lab(M curve(p)) − Lab(c)‖²
+//! camera = M · curve(probe),     min over M   Σ_patches ΔE²/(1 + ΔE)
 //! ```
 //!
-//! The curve comes from greys of known reflectance ([`GreyCurve`]), `M` (3 × 3) from colours. CIELAB
-//! stands for the eye, so that a dark patch counts as much as a bright one; what is left is told
-//! as ΔE2000.
+//! The curve comes from greys of known reflectance ([`GreyCurve`]), `M` (3 × 3) from colours. ΔE2000
+//! stands for the eye, so that a dark patch counts as much as a bright one.
 
 mod chart;
 mod curve;
