@@ -1,17 +1,16 @@
 //! What a light will be able to tell about roughness, before anything is photographed.
 //!
 //! ```text
-//! F = Σ_t J_tᵀ J_t / σ²,   J = [T_d, T_s, (1 − n·ω_o) T_s, rho_s ∂T_s/∂ln alpha],   σ²(ln alpha) ≥ [F⁻¹]_αα
+//! F = Σ_t J_tᵀ J_t / σ²,   J = [T_d, T_s, g T_s, g² T_s, rho_s ∂T_s/∂ln alpha],   σ²(ln alpha) ≥ [F⁻¹]_αα
 //! ```
 //!
-//! (Cramér and Rao)//!
-//! for an open, convex surface: normals of one elevation about the turntable's axis (+Y) see the same light in
-//! turn, so that σ depends on elevation and roughness alone. Diffuse albedos are one a channel, the
-//! specular albedo is neutral, the lobe GGX's.
+//! (Cramér and Rao; g = 1 − n·ω_o) for an open, convex surface: normals of one elevation about the
+//! turntable's axis (+Y) see the same light in turn, so that σ depends on elevation and roughness alone.
+//! Diffuse albedos are one a channel, the specular albedo is neutral, the lobe GGX's.
 //!
-//! How the lobe grows towards grazing counts as unknown, too. A fit takes Fresnel's index and masking as given, and
-//! under perfectly even light it would tell roughness from them alone, to 5 %; real surfaces do not keep
-//! to them so closely.
+//! How the lobe grows towards grazing counts as unknown, too, to second order. A fit takes Fresnel's index and
+//! masking as given, and under perfectly even light it would tell roughness from them alone, to 5 %; real
+//! surfaces do not keep to them so closely.
 
 use std::f32::consts::PI;
 
@@ -285,9 +284,9 @@ impl Sight {
 /// The bound for a trace, with all albedos and the growth towards grazing unknown.
 fn sigma_ln_alpha(turn: &[Sight], alpha: usize, plan: &CapturePlan) -> f64 {
     // Of specular trace, its growth and its slope, what is not a multiple of the diffuse trace, over the noise.
-    let mut information = [[0.0f64; 3]; 3];
+    let mut information = [[0.0f64; 4]; 4];
     for c in 0..3 {
-        let rows: Vec<[f64; 4]> = turn
+        let rows: Vec<[f64; 5]> = turn
             .iter()
             .map(|sight| {
                 let (s, slope) = sight.specular[alpha];
@@ -296,6 +295,7 @@ fn sigma_ln_alpha(turn: &[Sight], alpha: usize, plan: &CapturePlan) -> f64 {
                     sight.diffuse[c],
                     s[c],
                     grazing * s[c],
+                    grazing * grazing * s[c],
                     plan.rho_s * slope[c],
                 ]
                 .map(f64::from)
@@ -318,9 +318,9 @@ fn sigma_ln_alpha(turn: &[Sight], alpha: usize, plan: &CapturePlan) -> f64 {
             }
         }
     }
-    // What is left of the slope when the two others are taken out, one after the other.
-    let whole = information[2][2];
-    for k in 0..2 {
+    // What is left of the slope when the others are taken out, one after the other.
+    let whole = information[3][3];
+    for k in 0..3 {
         let row = information[k];
         if row[k] > 1e-12 * whole {
             for other in &mut information[k + 1..] {
@@ -332,8 +332,8 @@ fn sigma_ln_alpha(turn: &[Sight], alpha: usize, plan: &CapturePlan) -> f64 {
         }
     }
     // Below this it is a multiple of them up to rounding.
-    if information[2][2] > 1e-9 * whole {
-        information[2][2].sqrt().recip()
+    if information[3][3] > 1e-9 * whole {
+        information[3][3].sqrt().recip()
     } else {
         f64::INFINITY
     }

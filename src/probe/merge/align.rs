@@ -1,10 +1,9 @@
 //! Small shifts between the frames of a bracket (Ward 2003, *Fast, Robust Image Registration for
 //! Compositing High Dynamic Range Photographs from Hand-Held Exposures*).
 //!
-//! Two frames are cut into bright and dark where the same share of pixels lies below: a response that
-//! never falls keeps their order, so the cuts are the same curve in the scene, whatever the response and
-//! the exposures. The shift with the fewest disagreeing pixels is found from coarse to fine. Ward cuts
-//! at the median; here at the share that is best exposed in both frames.
+//! Two frames are cut into bright and dark at samples of one radiance: a response that never falls keeps the
+//! pixels' order, so the cuts are the same curve in the scene, whatever the response and the exposures.
+//! The shift with the fewest disagreeing pixels is found from coarse to fine.
 
 use super::Frame;
 
@@ -51,27 +50,32 @@ fn shift(fixed: &Frame, moved: &Frame) -> (i32, i32) {
     // No shift of more than a twelfth of the image.
     let levels = (width.min(height) / 12).max(1).ilog2().min(LEVELS);
     let pyramids = [fixed, moved].map(|frame| pyramid(frame, levels));
+    let Some((fixed_cut, moved_cut)) = thresholds(&pyramids[0][0], &pyramids[1][0]) else {
+        return (0, 0);
+    };
     let mut best = (0, 0);
     for level in (0..pyramids[0].len()).rev() {
         best = (2 * best.0, 2 * best.1);
-        let Some((a, b)) = cuts(&pyramids[0][level], &pyramids[1][level]) else {
-            continue;
-        };
+        let (a, b) = (
+            cut(&pyramids[0][level], fixed_cut),
+            cut(&pyramids[1][level], moved_cut),
+        );
         let centre = best;
         let mut least = disagreement(&a, &b, centre);
         for dy in -1..=1 {
             for dx in -1..=1 {
                 let candidate = (centre.0 + dx, centre.1 + dy);
-                let count = disagreement(&a, &b, candidate);
-                if count < least {
-                    (best, least) = (candidate, count);
+                let share = disagreement(&a, &b, candidate);
+                if share < least {
+                    (best, least) = (candidate, share);
                 }
             }
         }
     }
-    let Some((a, b)) = cuts(&pyramids[0][0], &pyramids[1][0]) else {
-        return (0, 0);
-    };
+    let (a, b) = (
+        cut(&pyramids[0][0], fixed_cut),
+        cut(&pyramids[1][0], moved_cut),
+    );
     if believable(&counts(&a, &b, (0, 0)), &counts(&a, &b, best)) {
         best
     } else {
@@ -131,43 +135,53 @@ fn pyramid(frame: &Frame, levels: u32) -> Vec<Grey> {
     pyramid
 }
 
-/// Both frames cut at the same share; `None` where no share is well exposed in both.
-fn cuts(fixed: &Grey, moved: &Grey) -> Option<(Cut, Cut)> {
-    let sorted = [fixed, moved].map(|grey| {
-        let mut values = grey.values.clone();
-        values.sort_unstable_by(f32::total_cmp);
-        values
-    });
+/// Where to cut the two frames: the sample of the fixed one that leaves most room to black and white in both, and
+/// what the moved one has, in the middle, where the fixed one has that; `None` where no sample has room in both.
+///
+/// Ward cuts both at the median. But something bright that walks into one frame moves its median, and
+/// with it every contour of a smooth scene.
+fn thresholds(fixed: &Grey, moved: &Grey) -> Option<(f32, f32)> {
+    let step = fixed.values.len().div_ceil(1 << 18).max(1);
+    let mut pairs: Vec<(f32, f32)> = (fixed.values.iter().zip(&moved.values))
+        .step_by(step)
+        .map(|(&a, &b)| (a, b))
+        .collect();
+    pairs.sort_unstable_by(|p, q| p.0.total_cmp(&q.0).then(p.1.total_cmp(&q.1)));
     let room = |v: f32| v.min(1.0 - v);
-    let (share, most) = (5..=95)
+    let best = (5..=95)
         .step_by(5)
-        .map(|percent| {
-            let place = |values: &[f32]| values[(values.len() - 1) * percent / 100];
-            let rooms = sorted.each_ref().map(|values| room(place(values)));
-            (percent, rooms[0].min(rooms[1]))
+        .filter_map(|percent| {
+            let here = pairs[(pairs.len() - 1) * percent / 100].0;
+            let from = pairs.partition_point(|p| p.0 < here - TOLERANCE);
+            let to = pairs.partition_point(|p| p.0 <= here + TOLERANCE);
+            let mut there: Vec<f32> = pairs[from..to].iter().map(|p| p.1).collect();
+            there.sort_unstable_by(f32::total_cmp);
+            let there = *there.get(there.len() / 2)?;
+            Some((here, there))
         })
-        .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    if most < 2.0 * TOLERANCE {
-        return None;
-    }
-    let cut = |grey: &Grey, values: &[f32]| {
-        let threshold = values[(values.len() - 1) * share / 100];
-        let sign = |v: &f32| {
-            if (v - threshold).abs() < TOLERANCE {
-                0
-            } else if *v > threshold {
-                1
-            } else {
-                -1
-            }
-        };
-        Cut {
-            width: grey.width,
-            height: grey.height,
-            signs: grey.values.iter().map(sign).collect(),
+        .max_by(|p, q| {
+            let rooms = [p, q].map(|c| room(c.0).min(room(c.1)));
+            rooms[0].total_cmp(&rooms[1])
+        })?;
+    (room(best.0).min(room(best.1)) >= 2.0 * TOLERANCE).then_some(best)
+}
+
+/// A frame cut at a sample.
+fn cut(grey: &Grey, threshold: f32) -> Cut {
+    let sign = |v: &f32| {
+        if (v - threshold).abs() < TOLERANCE {
+            0
+        } else if *v > threshold {
+            1
+        } else {
+            -1
         }
     };
-    Some((cut(fixed, &sorted[0]), cut(moved, &sorted[1])))
+    Cut {
+        width: grey.width,
+        height: grey.height,
+        signs: grey.values.iter().map(sign).collect(),
+    }
 }
 
 /// Pixels that both frames decide, and those of them that disagree.

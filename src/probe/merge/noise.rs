@@ -5,7 +5,8 @@
 //! ```
 //!
 //! in linear exposure x, 1 the white: shot noise a, read noise b, quantisation to steps of q, and what
-//! response and exposures leave. a and b are fitted to the spread of `x_j − t_j L̂`.
+//! response and exposures may leave. a and b are fitted to the spread of `x_j − t_j L̂` as if that last term were 0:
+//! it is a bound, and taking it off would leave a well-behaved bracket too little noise.
 
 use super::pixels::Pixels;
 use super::response::Response;
@@ -90,9 +91,8 @@ impl Noise {
                 continue;
             };
             let x = 10f64.powf(4.0 * ((bin as f64 + 0.5) / BINS as f64 - 1.0));
-            let model = f64::from(MODEL).powi(2) * x * x;
             let total = spread * spread;
-            let own = (total - quanta[bin] / n as f64 - model).max(0.0);
+            let own = (total - quanta[bin] / n as f64).max(0.0);
             let weight = n as f64 / (total + LEAST).powi(2);
             for (sum, term) in sums.iter_mut().zip([x * x, x, 1.0, x * own, own]) {
                 *sum += weight * term;
