@@ -40,6 +40,8 @@ mod error_laws;
 #[cfg(test)]
 mod fresnel_laws;
 #[cfg(test)]
+mod forecast_laws;
+#[cfg(test)]
 mod laws;
 #[cfg(test)]
 mod reason_laws;
