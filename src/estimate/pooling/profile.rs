@@ -1,5 +1,7 @@
 //! What points and groups of points say of a lobe.
 
+use std::ops::Range;
+
 use super::super::least_squares::UNKNOWNS;
 use super::super::lobe_form::MOST_PARAMETERS;
 use super::super::lobe_table::LobeTable;
@@ -122,7 +124,8 @@ pub(super) struct GroupLobe {
     pub(super) deviance: f64,
     sigma_ln_alpha: f64,
     sigma_lobe: [f64; MOST_PARAMETERS],
-    ndf_evidence: f32,
+    /// `ln L_ggx − ln L_beckmann`.
+    pub(super) ndf_evidence: f32,
 }
 
 impl GroupLobe {
@@ -171,6 +174,11 @@ impl Group {
 
     /// The lobe of least deviance over models, alpha and albedos; none of nobody.
     pub(super) fn best(&self, models: &[Model]) -> Option<GroupLobe> {
+        self.best_among(models, 0..models.len())
+    }
+
+    /// The same over some of the models.
+    pub(super) fn best_among(&self, models: &[Model], among: Range<usize>) -> Option<GroupLobe> {
         if self.members == 0.0 {
             return None;
         }
@@ -178,6 +186,10 @@ impl Group {
         let mut best: Option<GroupLobe> = None;
         let mut grids = Vec::with_capacity(models.len());
         for (index, (table, offset)) in self.tables.iter().enumerate() {
+            if !among.contains(&index) {
+                grids.push(Vec::new());
+                continue;
+            }
             let value = |x: f64| table.at(x).solve().1;
             let landscape = Landscape::survey(value);
             let (ln_alpha, lowest) = landscape.minima[0];
@@ -206,6 +218,7 @@ impl Group {
         if let (Some(ggx), Some(beckmann)) =
             (of(crate::brdf::Ndf::Ggx), of(crate::brdf::Ndf::Beckmann))
         {
+            // Infinite where only one was asked for.
             best.ndf_evidence = (0.5 * (beckmann - ggx)) as f32;
         }
         self.put_deviations(&mut best, &grids);

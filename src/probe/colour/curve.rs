@@ -53,7 +53,7 @@ impl GreyCurve {
         Self::through(&greys).map_err(fault)
     }
 
-    /// Through the patches that the camera's chart shows grey: within [`GREY`] of the hue of its brightest.
+    /// Through the patches that the camera's chart shows grey: within `GREY` of the hue of its brightest.
     pub fn of_chart(probe: &Chart, camera: &Chart) -> Result<Self, String> {
         let brightest = (camera.patches.iter())
             .max_by(|a, b| luminance(a.rgb).total_cmp(&luminance(b.rgb)))
