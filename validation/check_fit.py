@@ -77,11 +77,17 @@ BARS_QUICK = {
 BARRED_ALPHA = 0.2
 
 
-def peer_images(scene, angles, spp, depth, cache):
-    """Mitsuba's renders, by frame: paths of EXR files in the cache."""
+def peer_images(scene, angles, spp, depth, cache, edit=None):
+    """Mitsuba's renders, by frame: paths of EXR files in the cache.
+
+    `edit` may change what Mitsuba is given, the XML text of the exported scene.
+    """
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         turnlight("export", "mitsuba", scene, "--out", folder)
+        if edit:
+            xml = folder / "scene.xml"
+            xml.write_text(edit(xml.read_text()))
         digest = hashlib.sha256(repr((list(angles), spp, depth, mitsuba_env.mi.__version__)).encode())
         for file in sorted(folder.iterdir()):
             digest.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
