@@ -25,7 +25,7 @@ fn bracket(folder: &Path, count: u32, kind: ImageFormat) -> Vec<PathBuf> {
     (0..count)
         .map(|j| {
             let image = Bytes::from_fn(96, 48, |x, y| {
-                let radiance = 10f64.powf(f64::from(x) / 32.0 - 1.5) * (1.0 + 0.01 * f64::from(y));
+                let radiance = 10f64.powf(f64::from(x) / 32.0 - 1.0) * (1.0 + 0.01 * f64::from(y));
                 let exposure = 4f64.powi(j as i32) / 64.0;
                 let v = (255.0 * srgb_encode((radiance * exposure).min(1.0))).round() as u8;
                 image::Rgb([v, v, v / 2])
@@ -94,15 +94,15 @@ fn exif_tells_the_exposures_and_everything_is_written() {
     );
     let probe = RgbImage::read(&out.join("probe.exr")).unwrap();
     // Unit: one white a second at f/1 and ISO 100; f/4 at ISO 200 takes an eighth.
-    let ratio: Vec<f64> = (10..86)
+    let ratio: Vec<f64> = (10..80)
         .map(|x| {
-            let truth = 10f64.powf(x as f64 / 32.0 - 1.5) * 1.24 * 8.0;
+            let truth = 10f64.powf(x as f64 / 32.0 - 1.0) * 1.24 * 8.0;
             f64::from(probe.pixels[24 * 96 + x][0]) / truth
         })
         .collect();
     let mut sorted = ratio.clone();
     sorted.sort_unstable_by(f64::total_cmp);
-    assert!((sorted[38] - 1.0).abs() < 0.02, "{sorted:?}");
+    assert!((sorted[35] - 1.0).abs() < 0.02, "{sorted:?}");
     let (_, _, planes) = read_exr_channels(&out.join("probe.variance.exr")).unwrap();
     assert_eq!(planes.len(), 3);
     let mask = Mask::read(&out.join("probe.clipped.png")).unwrap();
@@ -380,7 +380,18 @@ fn the_page_holds_everything_and_is_one_file() {
     ] {
         assert!(html.contains(words), "{words}");
     }
-    assert!(!html.contains("http") && !html.contains("NaN"));
+    // Pictures are letters of all kinds.
+    let pieces = html.split("base64,").enumerate();
+    let words: String = pieces
+        .map(|(i, piece)| {
+            if i == 0 {
+                piece
+            } else {
+                &piece[piece.find('"').unwrap()..]
+            }
+        })
+        .collect();
+    assert!(!words.contains("http") && !words.contains("NaN"));
     let figures: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(&figures).unwrap()).unwrap();
     assert!(figures["inspection"]["source_count"].as_u64().unwrap() > 0);

@@ -5,16 +5,17 @@
 //! L_i = Σ_j w(v_ij) t_j f(v_ij) / Σ_j w(v_ij) t_j²,      f(m) = mean of t_j L_i over v_ij = m   (Eq. 10, 14)
 //! ```
 //!
-//! in alternation from sRGB on, the middle level fixed. From a linear start it has not arrived after 200 rounds.
+//! in alternation from a linear start, the middle level fixed.
 
 use super::pixels::Pixels;
 use super::response::{LEVELS, MIDDLE, Response};
 use super::{MergeError, debevec};
-use crate::image::srgb_decode;
 
-/// Rounds at most, and the change of the response at which they end, relative.
-const ROUNDS: usize = 1000;
-const STILL: f64 = 1e-6;
+/// Rounds at most, and the change of the response at which they end, relative. On simulated brackets radiance is 1.2
+/// to 1.7 % off then; a thousand rounds end 1.5 to 2.6 % off, since the mean of noisy dark samples is no
+/// sample of the mean. Debevec's stays below 0.9 %.
+const ROUNDS: usize = 200;
+const STILL: f64 = 1e-5;
 
 pub(super) fn response(pixels: &Pixels, exposures: &[f64]) -> Result<Response, MergeError> {
     let mut logarithms: [Vec<f64>; 3] = Default::default();
@@ -53,9 +54,7 @@ fn alternate(groups: &[Vec<(usize, f64)>]) -> Vec<f64> {
         let z = (m as f64 - 127.5) / 127.5;
         (-4.0 * z * z).exp()
     };
-    let mut f: Vec<f64> = (0..LEVELS)
-        .map(|m| srgb_decode(m as f64 / (LEVELS - 1) as f64))
-        .collect();
+    let mut f: Vec<f64> = (0..LEVELS).map(|m| m as f64 / MIDDLE as f64).collect();
     for _ in 0..ROUNDS {
         let (mut sums, mut counts) = (vec![0.0; LEVELS], vec![0usize; LEVELS]);
         for group in groups {
