@@ -6,6 +6,7 @@
 
 use glam::{Vec3, Vec4};
 
+use super::columns::Columns;
 use super::fresnel_model::PAPER_ETA;
 use super::{Estimate, Status};
 use crate::brdf::{Appearance, Ndf};
@@ -33,10 +34,19 @@ impl Estimate {
             same.rho_s.max_element() + 2.0 * same.sigma_rho_s < MATTE
         };
         match self.status {
-            Status::Converged | Status::AlphaAtBound => without_bars || precise || matte,
+            Status::Converged => without_bars || precise && self.is_clear_of_bound() || matte,
+            // Where the search ends, an error bar has only one side: a lobe narrower than the light's
+            // texels fits a firefly as well as anything.
+            Status::AlphaAtBound => without_bars || matte,
             Status::Unidentifiable => matte,
             _ => false,
         }
+    }
+
+    /// Whether alpha is three standard deviations above the narrowest lobe that is searched.
+    fn is_clear_of_bound(&self) -> bool {
+        let (narrowest, _) = Columns::ln_range();
+        self.alpha.ln() - 3.0 * self.sigma_alpha / self.alpha > narrowest
     }
 
     /// Whether a point's own diffuse albedo is worth more than its neighbours'.
