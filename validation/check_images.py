@@ -45,7 +45,7 @@ ACCEPTED = 0.9975  # of the tiles and channels
 RATIO = 0.002  # of the means, from 1
 RATIO_ERROR = 0.0007  # standard error that the ratio may have
 SEEDS = 16  # at first; doubled while the ratio is too noisy
-SEEDS_LIMIT = 256
+SEEDS_LIMIT = 1024
 LEFT_OUT = 0.05  # of the object's pixels at most may be kept out of the ratio
 SPP = {2: 128, 4: 256}  # of one seed, by depth
 # Off the axis, so that a mirrored image or a swapped axis shows.
