@@ -105,7 +105,9 @@ pub(super) struct Scratch {
     /// What one frame adds to the sky at a point, for diffuse reflection, object frame: lamps, and
     /// light of the object in the sky's place.
     arriving: Vec<Arrival>,
-    /// Radiance of every patch that blocks, in that frame.
+    /// Frames that show the point.
+    frames: Vec<usize>,
+    /// `[frames][blocked]` radiance of every patch that blocks; empty if the object is black.
     glow: Vec<Vec3>,
     lobe: LobeScratch,
 }
@@ -159,25 +161,30 @@ impl<'a> ForwardModel<'a> {
         )
     }
 
-    /// What reaches a point in a frame beside the whole sky, or in the place of parts of it.
-    fn arrive(&self, frame: usize, visibility: &Visibility, scratch: &mut Scratch) {
+    /// What reaches a point in a frame beside the whole sky, or in the place of parts of it: `glow` is
+    /// the radiance of every patch that blocks, or empty.
+    fn arrive(
+        &self,
+        frame: usize,
+        visibility: &Visibility,
+        glow: &[Vec3],
+        arriving: &mut Vec<Arrival>,
+    ) {
         let rotation = &self.world_from_object[frame];
-        scratch.arriving.clear();
-        scratch
-            .arriving
-            .extend(self.lamps.iter().filter_map(|lamp| {
-                let direction = to_object(rotation, lamp.direction);
-                let open = visibility.open(direction, lamp.spread);
-                (open > 0.0).then_some(Arrival {
-                    direction,
-                    flux: lamp.flux * open,
-                    spread: lamp.spread,
-                })
-            }));
+        arriving.clear();
+        arriving.extend(self.lamps.iter().filter_map(|lamp| {
+            let direction = to_object(rotation, lamp.direction);
+            let open = visibility.open(direction, lamp.spread);
+            (open > 0.0).then_some(Arrival {
+                direction,
+                flux: lamp.flux * open,
+                spread: lamp.spread,
+            })
+        }));
         for (i, patch) in visibility.blocked().iter().enumerate() {
             let sky = self.light.sky.radiance(*rotation * patch.direction);
-            let glow = scratch.glow.get(i).copied().unwrap_or_default();
-            scratch.arriving.push(Arrival {
+            let glow = glow.get(i).copied().unwrap_or_default();
+            arriving.push(Arrival {
                 direction: patch.direction,
                 flux: (glow - sky) * patch.solid_angle,
                 spread: 0.0,
@@ -207,8 +214,7 @@ impl<'a> ForwardModel<'a> {
         visibility: &Visibility,
         scratch: &mut Scratch,
     ) -> Vec3 {
-        scratch.glow.clear();
-        self.arrive(frame, visibility, scratch);
+        self.arrive(frame, visibility, &[], &mut scratch.arriving);
         self.diffuse(frame, normal, &scratch.arriving)
     }
 
@@ -221,19 +227,29 @@ impl<'a> ForwardModel<'a> {
         scratch: &mut Scratch,
         columns: &mut Columns,
     ) {
+        let Scratch {
+            arriving,
+            frames,
+            glow: radiance,
+            lobe,
+        } = scratch;
         columns.clear(self.fresnel.bases());
-        scratch.lobe.cut.restart();
-        for observations in trace.observations.chunk_by(|a, b| a.frame == b.frame) {
-            // What arrives at the point serves all its observations in a frame.
-            let frame = observations[0].frame as usize;
-            scratch.glow.clear();
-            if let Some(glow) = glow {
-                glow.radiance(frame, visibility, &mut scratch.glow);
-            }
-            self.arrive(frame, visibility, scratch);
+        lobe.cut.restart();
+        let by_frame = || trace.observations.chunk_by(|a, b| a.frame == b.frame);
+        frames.clear();
+        frames.extend(by_frame().map(|observations| observations[0].frame as usize));
+        radiance.clear();
+        if let Some(glow) = glow {
+            glow.radiance(frames, visibility, radiance);
+        }
+        // What arrives at the point serves all its observations in a frame.
+        let patches = radiance.len() / frames.len().max(1);
+        for (i, observations) in by_frame().enumerate() {
+            let (frame, glow) = (frames[i], &radiance[i * patches..][..patches]);
+            self.arrive(frame, visibility, glow, arriving);
             for observation in observations {
                 columns.diffuse.push(match &self.window {
-                    None => self.diffuse(frame, observation.normal, &scratch.arriving),
+                    None => self.diffuse(frame, observation.normal, arriving),
                     Some(window) => self.diffuse_within(window, observation),
                 });
                 columns.normal_variance.push(if self.footprints {
@@ -241,7 +257,7 @@ impl<'a> ForwardModel<'a> {
                 } else {
                     0.0
                 });
-                self.specular(observation, visibility, scratch, columns);
+                self.specular(observation, visibility, glow, lobe, columns);
             }
         }
     }
@@ -267,7 +283,8 @@ impl<'a> ForwardModel<'a> {
         &self,
         observation: &Observation,
         visibility: &Visibility,
-        scratch: &mut Scratch,
+        glow: &[Vec3],
+        scratch: &mut LobeScratch,
         columns: &mut Columns,
     ) {
         // In the world frame, where the light stands still.
@@ -292,18 +309,17 @@ impl<'a> ForwardModel<'a> {
             normal,
             smallest_alpha: 0.5 * RANGE.0,
         };
-        let scratch_lobe = &mut scratch.lobe;
         gather(
             self.light,
             self.fresnel,
             self.light_nodes,
             &lobe,
-            scratch_lobe,
+            scratch,
             open,
         );
 
         // The object's own light comes in nodes as they are.
-        for (patch, radiance) in visibility.blocked().iter().zip(&scratch.glow) {
+        for (patch, radiance) in visibility.blocked().iter().zip(glow) {
             let wi = *rotation * patch.direction;
             let cos_i = wi.dot(normal);
             if *radiance == Vec3::ZERO || cos_i <= 0.0 || !allowed(wi) {
@@ -319,12 +335,12 @@ impl<'a> ForwardModel<'a> {
             // Of a square patch, as of a light node.
             let variance_h = patch.solid_angle / 6.0 * (0.0625 + 0.25 / length2);
             let half = (sin2_h, variance_h);
-            scratch_lobe.cells.add(half, cos_i, flux, reflectances);
+            scratch.cells.add(half, cos_i, flux, reflectances);
         }
 
         let cos_o = normal.dot(wo);
         for basis in 0..self.fresnel.bases().len() {
-            let sums = scratch_lobe.cells.sums(basis, cos_o);
+            let sums = scratch.cells.sums(basis, cos_o);
             for (columns, sums) in columns.specular.iter_mut().zip(&sums) {
                 columns[basis].extend_from_slice(sums);
             }
@@ -399,15 +415,28 @@ impl Columns {
         ndf: usize,
         basis: Basis,
         ln_alpha: f32,
+        visit: impl FnMut(usize, Vec3, Vec3),
+    ) {
+        self.specular_of(0..self.diffuse.len(), ndf, basis, ln_alpha, visit);
+    }
+
+    /// The same, of some observations.
+    pub(super) fn specular_of(
+        &self,
+        observations: impl Iterator<Item = usize>,
+        ndf: usize,
+        basis: Basis,
+        ln_alpha: f32,
         mut visit: impl FnMut(usize, Vec3, Vec3),
     ) {
         let Some(column) = self.bases.iter().position(|b| *b == basis) else {
-            (0..self.diffuse.len()).for_each(|i| visit(i, Vec3::ZERO, Vec3::ZERO));
+            observations.for_each(|i| visit(i, Vec3::ZERO, Vec3::ZERO));
             return;
         };
         let alpha2 = (2.0 * ln_alpha).exp();
         let step = (RANGE.1 / RANGE.0).ln() / (ROUGHNESSES - 1) as f32;
-        for (i, &variance) in self.normal_variance.iter().enumerate() {
+        for i in observations {
+            let variance = self.normal_variance[i];
             let widened = alpha2 + 2.0 * variance;
             let slope = alpha2 / widened;
             let place = (0.5 * widened.ln() - RANGE.0.ln()) / step;

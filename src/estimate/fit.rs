@@ -318,17 +318,17 @@ fn pool_lobes(
     materials.map_or(0, u64::from)
 }
 
-/// Irradiance over π from the light alone, `[frame · points + point]`.
+/// Irradiance over π from the light alone, `[point · frames + frame]`.
 fn irradiance(
     model: &ForwardModel<'_>,
     traces: &TraceSet,
     visibilities: &[Visibility],
 ) -> Vec<Vec3> {
-    let points = traces.traces.len();
-    (0..points * traces.world_from_object.len())
+    let frames = traces.world_from_object.len();
+    (0..frames * traces.traces.len())
         .into_par_iter()
         .map_init(Scratch::default, |scratch, i| {
-            let (frame, point) = (i / points, i % points);
+            let (point, frame) = (i / frames, i % frames);
             let normal = traces.traces[point].point.normal;
             model.irradiance(frame, normal, &visibilities[point], scratch)
         })

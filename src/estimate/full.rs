@@ -202,10 +202,16 @@ pub(super) struct Minimum<'p, 'a> {
 fn minimise<'p, 'a>(problem: &'p Problem<'a>, model: Model) -> Minimum<'p, 'a> {
     let mut weights = vec![1.0; problem.trace.observations.len()];
     let rounds = if problem.noise.is_normal() { 0 } else { ROUNDS };
+    let mut place = None;
     for _ in 0..rounds {
         let objective = Objective::new(problem, model, weights);
-        let landscape = Landscape::survey(|x| objective.value(x));
-        let (ln_alpha, _) = landscape.minima[0];
+        let value = |x| objective.value(x);
+        // Weights move a minimum a little; whether another is better by now, the last survey will tell.
+        let (ln_alpha, _) = match place {
+            None => Landscape::survey(value).minima[0],
+            Some(last) => Landscape::near(last, value),
+        };
+        place = Some(ln_alpha);
         let solution = objective.solve(ln_alpha);
         let squares = problem.squares(model, ln_alpha, &solution);
         (weights, _) = problem.reweigh(&squares, &objective.weights, model.unknowns());

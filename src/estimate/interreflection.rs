@@ -44,7 +44,7 @@ pub(super) struct Scene<'a> {
     pub(super) world_from_object: &'a [Mat3],
     /// Specular reflection of the light.
     pub(super) gloss: &'a Gloss,
-    /// `[frame · points + point]` irradiance of the light alone over π.
+    /// `[point · frames + frame]` irradiance of the light alone over π.
     pub(super) irradiance: &'a [Vec3],
 }
 
@@ -52,9 +52,9 @@ pub(super) struct Scene<'a> {
 pub(super) struct Glow<'a> {
     scene: &'a Scene<'a>,
     materials: Vec<Material>,
-    /// `[frame · points + point]` irradiance over π, the object's own light included.
+    /// `[point · frames + frame]` irradiance over π, the object's own light included.
     irradiance: Vec<Vec3>,
-    /// `[frame · points + point]` diffusely reflected radiance.
+    /// `[point · frames + frame]` diffusely reflected radiance.
     diffuse: Vec<Vec3>,
 }
 
@@ -70,7 +70,7 @@ impl<'a> Glow<'a> {
         estimates: &[Estimate],
         previous: Option<&Self>,
     ) -> Self {
-        let points = estimates.len();
+        let frames = scene.world_from_object.len().max(1);
         let fitted_in = previous.map_or(scene.irradiance, |p| p.irradiance.as_slice());
         let fitted = materials(estimates);
         let mut glow = Self {
@@ -82,97 +82,152 @@ impl<'a> Glow<'a> {
                 None => vec![Vec3::ZERO; scene.irradiance.len()],
             },
         };
-        // Irradiance over π that a point gets from the blocked part of its view.
-        let gathered = |glow: &Self, i: usize, light: &dyn Fn(usize, &BlockedPatch) -> Vec3| {
-            let (frame, point) = (i / points, i % points);
-            let normal = glow.scene.normals[point];
-            let patches = glow.scene.visibilities[point].blocked().iter();
-            let flux: Vec3 = patches
-                .map(|patch| {
-                    let cos = patch.direction.dot(normal).max(0.0);
-                    light(frame, patch) * (cos * patch.solid_angle)
-                })
-                .sum();
-            flux / std::f32::consts::PI
-        };
-        let every = 0..scene.irradiance.len();
-        let first: Vec<Vec3> = every
-            .clone()
-            .into_par_iter()
-            .map(|i| {
-                let specular = |frame, patch: &BlockedPatch| glow.specular(frame, patch);
-                scene.irradiance[i] + gathered(&glow, i, &specular)
-            })
-            .collect();
+        let mut direct = scene.irradiance.to_vec();
+        direct
+            .par_chunks_mut(frames)
+            .enumerate()
+            .for_each(|(point, light)| glow.add_mirrored(point, light));
         for _ in 0..ITERATIONS {
-            glow.irradiance = every
-                .clone()
-                .into_par_iter()
-                .map(|i| {
-                    let diffuse = |frame, patch: &BlockedPatch| glow.diffuse(frame, patch);
-                    first[i] + gathered(&glow, i, &diffuse)
-                })
-                .collect();
+            let mut irradiance = direct.clone();
+            irradiance
+                .par_chunks_mut(frames)
+                .enumerate()
+                .for_each(|(point, light)| glow.add_diffuse(point, light));
             // The albedo whose radiance is nearest to the fitted one, over all frames.
             for (point, material) in glow.materials.iter_mut().enumerate() {
                 let (mut product, mut square) = (Vec3::ZERO, Vec3::ZERO);
-                for i in (point..glow.irradiance.len()).step_by(points) {
-                    product += fitted_in[i] * glow.irradiance[i];
-                    square += glow.irradiance[i] * glow.irradiance[i];
+                for i in point * frames..(point + 1) * frames {
+                    product += fitted_in[i] * irradiance[i];
+                    square += irradiance[i] * irradiance[i];
                 }
                 let ratio = product / square.max(Vec3::splat(f32::MIN_POSITIVE));
                 let followed = (fitted[point].rho_d * ratio).min(Vec3::ONE);
                 material.rho_d = Vec3::select(material.is_fitted, followed, material.rho_d);
             }
-            glow.diffuse = every
-                .clone()
-                .into_par_iter()
-                .map(|i| glow.irradiance[i] * glow.materials[i % points].rho_d)
-                .collect();
+            for (i, (diffuse, light)) in glow.diffuse.iter_mut().zip(&irradiance).enumerate() {
+                *diffuse = *light * glow.materials[i / frames].rho_d;
+            }
+            glow.irradiance = irradiance;
         }
         glow
     }
 
-    /// Adds the radiance of every patch that blocks a point's view in `frame`, linear RGB.
-    pub(super) fn radiance(&self, frame: usize, visibility: &Visibility, radiance: &mut Vec<Vec3>) {
-        let patches = visibility.blocked().iter();
-        radiance
-            .extend(patches.map(|patch| self.diffuse(frame, patch) + self.specular(frame, patch)));
+    /// Adds what a point's blocked directions mirror of the light: irradiance over π, `[frames]`.
+    fn add_mirrored(&self, point: usize, light: &mut [Vec3]) {
+        let normal = self.scene.normals[point];
+        for patch in self.scene.visibilities[point].blocked() {
+            let cos = patch.direction.dot(normal).max(0.0);
+            let share = cos * patch.solid_angle / std::f32::consts::PI;
+            if share > 0.0
+                && let Some(mirrored) = self.mirrored(patch)
+            {
+                for (light, rotation) in light.iter_mut().zip(self.scene.world_from_object) {
+                    *light += mirrored.radiance(self.scene.gloss, rotation) * share;
+                }
+            }
+        }
     }
 
-    /// Diffusely reflected radiance of a patch, between the points at its triangle's corners.
-    fn diffuse(&self, frame: usize, patch: &BlockedPatch) -> Vec3 {
-        if patch.is_black {
-            return Vec3::ZERO;
+    /// Adds what a point's blocked directions reflect diffusely: irradiance over π, `[frames]`.
+    fn add_diffuse(&self, point: usize, light: &mut [Vec3]) {
+        let normal = self.scene.normals[point];
+        for patch in self.scene.visibilities[point].blocked() {
+            let cos = patch.direction.dot(normal).max(0.0);
+            let share = cos * patch.solid_angle / std::f32::consts::PI;
+            for (row, weight) in self.corners(patch) {
+                let weight = weight * share;
+                for (light, diffuse) in light.iter_mut().zip(row) {
+                    *light += *diffuse * weight;
+                }
+            }
         }
-        let points = self.materials.len();
-        let radiance = &self.diffuse[frame * points..][..points];
+    }
+
+    /// Writes the radiance of every patch that blocks a point's view in some frames, linear RGB:
+    /// `[frames][blocked]`.
+    pub(super) fn radiance(
+        &self,
+        frames: &[usize],
+        visibility: &Visibility,
+        radiance: &mut Vec<Vec3>,
+    ) {
+        let patches = visibility.blocked();
+        radiance.clear();
+        radiance.resize(frames.len() * patches.len(), Vec3::ZERO);
+        for (p, patch) in patches.iter().enumerate() {
+            let corners = self.corners(patch);
+            let mirrored = self.mirrored(patch);
+            let places = radiance.iter_mut().skip(p).step_by(patches.len());
+            for (place, &frame) in places.zip(frames) {
+                *place = corners
+                    .iter()
+                    .map(|(row, weight)| row[frame] * *weight)
+                    .sum();
+                if let Some(mirrored) = &mirrored {
+                    let rotation = &self.scene.world_from_object[frame];
+                    *place += mirrored.radiance(self.scene.gloss, rotation);
+                }
+            }
+        }
+    }
+
+    /// Diffusely reflected radiance at the corners of a patch's triangle, `[frames]`, and the weight of
+    /// each in the patch.
+    fn corners(&self, patch: &BlockedPatch) -> [(&[Vec3], f32); 3] {
+        let frames = self.scene.world_from_object.len();
         let corners = self.scene.points_of_triangle[patch.triangle as usize];
         let (u, v) = (patch.barycentric.x, patch.barycentric.y);
-        let at = |i: u32| radiance[i as usize];
-        at(corners[0]) * (1.0 - u - v) + at(corners[1]) * u + at(corners[2]) * v
+        let weights = if patch.is_black {
+            [0.0; 3]
+        } else {
+            [1.0 - u - v, u, v]
+        };
+        std::array::from_fn(|k| {
+            let row = &self.diffuse[corners[k] as usize * frames..][..frames];
+            (row, weights[k])
+        })
     }
 
-    /// Light that a patch mirrors, with the material of its first corner's point.
-    fn specular(&self, frame: usize, patch: &BlockedPatch) -> Vec3 {
+    /// What a patch mirrors of the light, with the material of its first corner's point; none if
+    /// nothing.
+    fn mirrored(&self, patch: &BlockedPatch) -> Option<Mirrored> {
         let point = self.scene.points_of_triangle[patch.triangle as usize][0] as usize;
         let material = &self.materials[point];
         let wo = -patch.direction;
         let cos_o = wo.dot(patch.normal);
         if patch.is_black || cos_o <= 0.0 || material.rho_s == Vec3::ZERO {
-            return Vec3::ZERO;
+            return None;
         }
         let mirror = 2.0 * cos_o * patch.normal - wo;
         let open = self.scene.visibilities[point].open(mirror, material.alpha);
-        if open == 0.0 {
-            return Vec3::ZERO;
-        }
-        let mirror = self.scene.world_from_object[frame] * mirror;
-        let light = self
-            .scene
-            .gloss
-            .radiance(material.ndf, material.place, mirror, cos_o);
-        light * material.rho_s * open
+        (open > 0.0).then_some(Mirrored {
+            mirror,
+            cos_o,
+            rho_s: material.rho_s * open,
+            place: material.place,
+            ndf: material.ndf,
+        })
+    }
+}
+
+/// A patch that mirrors light.
+struct Mirrored {
+    /// The mirror direction, unit, object frame.
+    mirror: Vec3,
+    /// Cosine of the view to its normal.
+    cos_o: f32,
+    /// Specular albedo times the open share of the lobe.
+    rho_s: Vec3,
+    /// The roughness in the tables of [`Gloss`].
+    place: f32,
+    ndf: Ndf,
+}
+
+impl Mirrored {
+    /// Radiance, linear RGB, of an object turned by `rotation`.
+    #[inline]
+    fn radiance(&self, gloss: &Gloss, rotation: &Mat3) -> Vec3 {
+        gloss.radiance(self.ndf, self.place, *rotation * self.mirror, self.cos_o) * self.rho_s
     }
 }
 

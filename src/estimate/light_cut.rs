@@ -35,23 +35,15 @@ pub(super) struct Seen<'n> {
 }
 
 /// A cut through the light's quadtree for one lobe after the other.
+#[derive(Default)]
 pub(super) struct LobeCut {
-    /// Error above which a node is split.
+    /// Error above which a node is split; zero before the first cut.
     threshold: f32,
     waiting: Vec<u32>,
 }
 
 /// Rounds in which the first cut's threshold is found.
 const FIRST_ROUNDS: usize = 6;
-
-impl Default for LobeCut {
-    fn default() -> Self {
-        Self {
-            threshold: 0.0,
-            waiting: Vec::new(),
-        }
-    }
-}
 
 impl LobeCut {
     /// Forgets the threshold: the next cut finds its own.

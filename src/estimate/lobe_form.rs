@@ -86,13 +86,27 @@ impl LobeForm {
 
     /// `[observations][parameters]` derivative of what is seen by each parameter.
     pub(super) fn jacobian(self, columns: &Columns, ndf: Ndf, ln_alpha: f32) -> Vec<DVec3> {
+        self.jacobian_of(0..columns.diffuse.len(), columns, ndf, ln_alpha)
+    }
+
+    /// The same, of some observations: `[place in observations][parameters]`.
+    pub(super) fn jacobian_of(
+        self,
+        observations: impl ExactSizeIterator<Item = usize> + Clone,
+        columns: &Columns,
+        ndf: Ndf,
+        ln_alpha: f32,
+    ) -> Vec<DVec3> {
         let terms = self.terms();
-        let mut jacobian = vec![DVec3::ZERO; columns.diffuse.len() * terms.len()];
-        for (index, basis) in self.bases().iter().enumerate() {
-            self.visit(columns, ndf, *basis, ln_alpha, |i, value, _| {
-                for (j, term) in terms.iter().enumerate().filter(|(_, t)| t.basis == index) {
+        let mut jacobian = vec![DVec3::ZERO; observations.len() * terms.len()];
+        for (index, &basis) in self.bases().iter().enumerate() {
+            let mut rows = jacobian.chunks_exact_mut(terms.len());
+            let chosen = observations.clone();
+            columns.specular_of(chosen, ndf as usize, basis, ln_alpha, |_, value, _| {
+                let Some(row) = rows.next() else { return };
+                for (entry, term) in row.iter_mut().zip(terms).filter(|(_, t)| t.basis == index) {
                     for c in (0..3).filter(|&c| term.channels[c]) {
-                        jacobian[i * terms.len() + j][c] = f64::from(value[c]);
+                        entry[c] = f64::from(value[c]);
                     }
                 }
             });

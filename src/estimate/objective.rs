@@ -31,49 +31,40 @@ pub(super) struct Objective<'p, 'a> {
     pub(super) model: Model,
     /// `[observations]`.
     pub(super) weights: Vec<f64>,
-    /// All sums, where no bound may come and go.
-    table: Option<NormalTable>,
+    /// All sums of the observations without a saturated channel.
+    table: NormalTable,
 }
 
 impl<'p, 'a> Objective<'p, 'a> {
     pub(super) fn new(problem: &'p Problem<'a>, model: Model, weights: Vec<f64>) -> Self {
-        let mut objective = Self {
+        let mut whole = problem.precisions.clone();
+        problem
+            .saturated
+            .iter()
+            .for_each(|&i| whole[i].0 = DMat3::ZERO);
+        let table = table(problem, model, &weights, &whole);
+        Self {
             problem,
             model,
             weights,
-            table: None,
-        };
-        if problem.saturated.is_empty() {
-            objective.table = Some(objective.table_with(&ActiveBounds::new()));
+            table,
         }
-        objective
     }
 
     /// All sums with given bounds taken as observations.
     pub(super) fn table_with(&self, active: &ActiveBounds) -> NormalTable {
-        let problem = self.problem;
-        let count = 0..self.weights.len();
-        let precisions = problem.precisions(active);
-        let weighted = precisions
-            .iter()
-            .zip(&self.weights)
-            .map(|((p, _), w)| *p * *w);
-        let samples = Samples::new(
-            count.clone().map(|i| problem.observed(i)),
-            count.map(|i| problem.diffuse(i)),
-            weighted,
-        );
-        NormalTable::new(problem.columns, self.model.ndf, self.model.form, &samples)
+        let precisions = self.problem.precisions(active);
+        table(self.problem, self.model, &self.weights, &precisions)
     }
 
     /// The best albedos at one roughness.
     pub(super) fn solve(&self, ln_alpha: f64) -> Solution {
-        match &self.table {
-            Some(table) => {
-                let (x, value) = table.at(ln_alpha).solve();
-                Solution::new(&x, value, ActiveBounds::new())
-            }
-            None => self.solve_bounded(ln_alpha),
+        let whole = self.table.at(ln_alpha);
+        if self.problem.saturated.is_empty() {
+            let (x, value) = whole.solve();
+            Solution::new(&x, value, ActiveBounds::new())
+        } else {
+            self.solve_bounded(whole, ln_alpha)
         }
     }
 
@@ -81,42 +72,27 @@ impl<'p, 'a> Objective<'p, 'a> {
         self.solve(ln_alpha).value
     }
 
-    /// Newton's method on the set of active bounds.
-    fn solve_bounded(&self, ln_alpha: f64) -> Solution {
+    /// Newton's method on the set of active bounds, given the sums of all observations without any.
+    fn solve_bounded(&self, whole: Normal, ln_alpha: f64) -> Solution {
         let problem = self.problem;
         let m = self.model.form.size();
+        let saturated = problem.saturated.iter().copied();
+        let (columns, ndf) = (problem.columns, self.model.ndf);
         let lobe = self
             .model
             .form
-            .jacobian(problem.columns, self.model.ndf, ln_alpha as f32);
-        let add = |normal: &mut Normal, i: usize, p: DMat3| {
-            let mut jacobian = [DVec3::ZERO; UNKNOWNS];
-            for (c, axis) in DVec3::AXES.into_iter().enumerate() {
-                jacobian[c] = axis * problem.diffuse(i)[c];
-            }
-            jacobian[3..3 + m].copy_from_slice(&lobe[i * m..][..m]);
-            normal.add(
-                &(p * self.weights[i]),
-                &jacobian[..3 + m],
-                problem.observed(i),
-            );
-        };
-        let mut plain = Normal {
-            size: 3 + m,
-            ..Normal::default()
-        };
-        for (i, (p, _)) in problem.precisions.iter().enumerate() {
-            if !problem.trace.observations[i].saturated.any() {
-                add(&mut plain, i, *p);
-            }
-        }
+            .jacobian_of(saturated, columns, ndf, ln_alpha as f32);
         let with = |active: &ActiveBounds| {
-            let mut normal = plain;
-            for (&i, active) in problem.saturated.iter().zip(active) {
-                let (p, _) = problem
-                    .noise
-                    .precision(&problem.trace.observations[i], *active);
-                add(&mut normal, i, p);
+            let mut normal = whole;
+            for (place, active) in active.iter().enumerate() {
+                let i = problem.saturated[place];
+                let mut jacobian = [DVec3::ZERO; UNKNOWNS];
+                for (c, axis) in DVec3::AXES.into_iter().enumerate() {
+                    jacobian[c] = axis * problem.diffuse(i)[c];
+                }
+                jacobian[3..3 + m].copy_from_slice(&lobe[place * m..][..m]);
+                let precision = problem.bounded(place, *active).0 * self.weights[i];
+                normal.add(&precision, &jacobian[..3 + m], problem.observed(i));
             }
             normal
         };
@@ -125,8 +101,9 @@ impl<'p, 'a> Objective<'p, 'a> {
             problem
                 .saturated
                 .iter()
-                .map(|&i| {
-                    let predicted = problem.predicted(i, &lobe[i * m..][..m], &solution);
+                .zip(lobe.chunks_exact(m))
+                .map(|(&i, lobe)| {
+                    let predicted = problem.predicted(i, lobe, &solution);
                     let below = predicted.cmplt(problem.observed(i));
                     let saturated = problem.trace.observations[i].saturated;
                     BVec3::new(
@@ -139,7 +116,7 @@ impl<'p, 'a> Objective<'p, 'a> {
         };
 
         // From the albedos without bounds, with the bounds that those break.
-        let (mut x, _) = plain.solve();
+        let (mut x, _) = whole.solve();
         let mut active = darker(&x);
         let mut normal = with(&active);
         let mut value = normal.objective(&x);
@@ -175,6 +152,23 @@ impl<'p, 'a> Objective<'p, 'a> {
         }
         Solution::new(&x, value, active)
     }
+}
+
+/// All of a point's sums, `[observations]` precisions times weights.
+fn table(
+    problem: &Problem<'_>,
+    model: Model,
+    weights: &[f64],
+    precisions: &[(DMat3, u32)],
+) -> NormalTable {
+    let count = 0..weights.len();
+    let weighted = precisions.iter().zip(weights).map(|((p, _), w)| *p * *w);
+    let samples = Samples::new(
+        count.clone().map(|i| problem.observed(i)),
+        count.map(|i| problem.diffuse(i)),
+        weighted,
+    );
+    NormalTable::new(problem.columns, model.ndf, model.form, &samples)
 }
 
 #[cfg(test)]

@@ -36,6 +36,9 @@ pub(super) struct Problem<'a> {
     pub(super) precisions: Vec<(DMat3, u32)>,
     /// Observations with a saturated channel.
     pub(super) saturated: Vec<usize>,
+    /// `[saturated]` inverse covariance and number of channels by the set of bounds that are active (bit
+    /// c: channel c).
+    bounded: Vec<[(DMat3, u32); 8]>,
 }
 
 /// Which bounds are active, one an observation with saturated channels.
@@ -72,10 +75,18 @@ impl Solution {
 impl<'a> Problem<'a> {
     pub(super) fn new(trace: &'a Trace, columns: &'a Columns, noise: &'a NoiseModel) -> Self {
         let observations = trace.observations.iter();
+        let by_bounds = |observation| {
+            std::array::from_fn(|set| {
+                let active = BVec3::new(set & 1 != 0, set & 2 != 0, set & 4 != 0);
+                noise.precision(observation, active)
+            })
+        };
+        let saturated = observations.clone().filter(|o| o.saturated.any());
         Self {
             trace,
             columns,
             noise,
+            bounded: saturated.map(by_bounds).collect(),
             precisions: observations
                 .map(|o| noise.precision(o, BVec3::FALSE))
                 .collect(),
@@ -83,6 +94,12 @@ impl<'a> Problem<'a> {
                 .filter(|&i| trace.observations[i].saturated.any())
                 .collect(),
         }
+    }
+
+    /// Inverse covariance and number of channels of a saturated observation, by its place among them,
+    /// under active bounds.
+    pub(super) fn bounded(&self, place: usize, active: BVec3) -> (DMat3, u32) {
+        self.bounded[place][active.bitmask() as usize]
     }
 
     pub(super) fn observed(&self, i: usize) -> DVec3 {
@@ -101,8 +118,8 @@ impl<'a> Problem<'a> {
     /// `[observations]` inverse covariance and number of channels, active bounds included.
     pub(super) fn precisions(&self, active: &ActiveBounds) -> Vec<(DMat3, u32)> {
         let mut precisions = self.precisions.clone();
-        for (&i, active) in self.saturated.iter().zip(active) {
-            precisions[i] = self.noise.precision(&self.trace.observations[i], *active);
+        for (place, (&i, active)) in self.saturated.iter().zip(active).enumerate() {
+            precisions[i] = self.bounded(place, *active);
         }
         precisions
     }

@@ -38,7 +38,7 @@ impl Landscape {
         let low = f64::from(roughness(0).ln());
         let high = f64::from(roughness(ROUGHNESSES - 1).ln());
         let step = (high - low) / (ROUGHNESSES - 1) as f64;
-        golden_section(
+        minimum_within(
             (ln_alpha - step).max(low),
             (ln_alpha + step).min(high),
             value,
@@ -50,10 +50,10 @@ impl Landscape {
 fn descend(grid: &[(f64, f64)], k: usize, value: impl Fn(f64) -> f64) -> (f64, f64) {
     let low = grid[k.saturating_sub(1)].0;
     let high = grid[(k + 1).min(grid.len() - 1)].0;
-    golden_section(low, high, value)
+    minimum_within(low, high, value)
 }
 
-/// The `ln alpha` of the smallest value: the best of the grid, then golden sections about it.
+/// The `ln alpha` of the smallest value: the best of the grid, and what lies about it.
 pub(super) fn minimise_over_alpha(value: impl Fn(f32) -> f64) -> f32 {
     let value = |x: f64| value(x as f32);
     let places = (0..ROUGHNESSES).map(|k| f64::from(roughness(k).ln()));
@@ -64,26 +64,70 @@ pub(super) fn minimise_over_alpha(value: impl Fn(f32) -> f64) -> f32 {
     descend(&grid, best, value).0 as f32
 }
 
-/// Place and value of the smallest value in a bracket, by golden sections. The ends count.
-fn golden_section(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> (f64, f64) {
-    const RATIO: f64 = 0.618_033_988_749_895;
+/// Place and value of the smallest value in a bracket (Brent 1973, ch. 5): parabolas through the three best
+/// places, and golden sections where those do not shrink the bracket. The ends count.
+fn minimum_within(low: f64, high: f64, value: impl Fn(f64) -> f64) -> (f64, f64) {
+    const GOLDEN: f64 = 0.381_966_011_250_105;
     let ends = [(low, value(low)), (high, value(high))];
-    let (mut a, mut b) = (high - RATIO * (high - low), low + RATIO * (high - low));
-    let (mut at_a, mut at_b) = (value(a), value(b));
-    while high - low > TOLERANCE {
-        if at_a < at_b {
-            (high, b, at_b) = (b, a, at_a);
-            a = high - RATIO * (high - low);
-            at_a = value(a);
+    let (mut low, mut high) = (low, high);
+    let start = low + GOLDEN * (high - low);
+    let mut best = (start, value(start));
+    let (mut second, mut third) = (best, best);
+    // Of the last step and the one before it.
+    let (mut step, mut before) = (0.0f64, 0.0f64);
+    // A golden section each round would take 24 of them.
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if (best.0 - middle).abs() <= 2.0 * TOLERANCE - 0.5 * (high - low) {
+            break;
+        }
+        let parabola = vertex(best, second, third).filter(|vertex| {
+            let inside = low < *vertex && *vertex < high;
+            inside && (vertex - best.0).abs() < 0.5 * before.abs()
+        });
+        before = step;
+        step = match parabola {
+            // Beside an end, a step to the other side closes the bracket.
+            Some(vertex) if (vertex - low).min(high - vertex) < 2.0 * TOLERANCE => {
+                TOLERANCE.copysign(middle - best.0)
+            }
+            Some(vertex) => vertex - best.0,
+            None => {
+                before = if best.0 < middle { high } else { low } - best.0;
+                GOLDEN * before
+            }
+        };
+        let place = best.0 + step.abs().max(TOLERANCE).copysign(step);
+        let next = (place, value(place));
+        if next.1 <= best.1 {
+            if place < best.0 {
+                high = best.0;
+            } else {
+                low = best.0;
+            }
+            (third, second, best) = (second, best, next);
         } else {
-            (low, a, at_a) = (a, b, at_b);
-            b = low + RATIO * (high - low);
-            at_b = value(b);
+            if place < best.0 {
+                low = place;
+            } else {
+                high = place;
+            }
+            if next.1 <= second.1 || second.0 == best.0 {
+                (third, second) = (second, next);
+            } else if next.1 <= third.1 || third.0 == best.0 || third.0 == second.0 {
+                third = next;
+            }
         }
     }
-    let inside = if at_a < at_b { (a, at_a) } else { (b, at_b) };
     ends.into_iter()
-        .fold(inside, |best, end| if end.1 < best.1 { end } else { best })
+        .fold(best, |best, end| if end.1 < best.1 { end } else { best })
+}
+
+/// Where the parabola through three places is level; none if they are not three.
+fn vertex(a: (f64, f64), b: (f64, f64), c: (f64, f64)) -> Option<f64> {
+    let (r, q) = ((a.0 - b.0) * (a.1 - c.1), (a.0 - c.0) * (a.1 - b.1));
+    let vertex = a.0 - ((a.0 - c.0) * q - (a.0 - b.0) * r) / (2.0 * (q - r));
+    vertex.is_finite().then_some(vertex)
 }
 
 #[cfg(test)]
@@ -91,10 +135,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn golden_section_finds_inner_and_end_minima() {
-        let (x, _) = golden_section(-1.0, 2.0, |x| (x - 0.3).powi(2));
+    fn minima_within_a_bracket_and_at_its_ends() {
+        let (x, _) = minimum_within(-1.0, 2.0, |x| (x - 0.3).powi(2));
         assert!((x - 0.3).abs() < 2e-5);
-        assert_eq!(golden_section(-1.0, 2.0, |x| x).0, -1.0);
+        assert_eq!(minimum_within(-1.0, 2.0, |x| x).0, -1.0);
+        // A kink, where no parabola helps.
+        let (x, _) = minimum_within(-1.0, 2.0, |x: f64| (x - 0.3).abs());
+        assert!((x - 0.3).abs() < 2e-5);
+    }
+
+    #[test]
+    fn parabolas_need_few_values() {
+        let count = std::cell::Cell::new(0);
+        let (x, _) = minimum_within(-0.2, 0.14, |x: f64| {
+            count.set(count.get() + 1);
+            (x - 0.03).cosh()
+        });
+        assert!((x - 0.03).abs() < 2e-5);
+        assert!(count.get() <= 12, "{} values", count.get());
     }
 
     #[test]

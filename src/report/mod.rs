@@ -2,6 +2,7 @@
 //! observation, and what the parameters look like on the object. A registration has a page of its own.
 
 mod charts;
+mod document;
 mod embed;
 mod overlay;
 mod page;

@@ -2,22 +2,15 @@
 
 use std::io;
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::charts::{colour_bar, histogram, line, short};
+use super::document::document;
 use super::views::{Legend, ParameterView, STATUS_COLOURS, difference, quantile};
 use super::{FramePair, Observation, ReportError, embed};
 use crate::compare::SequenceErrors;
 use crate::export::PointTable;
 use crate::image::ToneCurve;
-
-pub(super) const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;\
-padding:0 1em;color:#222}h1{font-size:1.5em}h2{font-size:1.15em;margin-top:2em}\
-table{border-collapse:collapse}td,th{padding:.2em .8em .2em 0;text-align:left;vertical-align:top}\
-figure{display:inline-block;margin:.4em .8em .4em 0;vertical-align:top}figcaption{font-size:.85em}\
-img{image-rendering:pixelated;background:#202226}svg{fill:#35618f;background:#f4f5f7}\
-svg text{fill:#444;font-size:11px}polyline{fill:none;stroke:#35618f;stroke-width:1.5}\
-.dot{display:inline-block;width:.8em;height:.8em;margin-right:.4em}";
 
 /// Names of the status codes and what they mean.
 const STATUS: [(&str, &str); 6] = [
@@ -71,48 +64,38 @@ pub(super) fn page(
         .iter()
         .map(|view| Ok((view, embed::display(view.width, view.height, &view.pixels)?)))
         .collect::<io::Result<Vec<_>>>()?;
-    let body = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                title { "turnlight: material of a capture" }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                h1 { "Material of a turntable capture" }
-                @for key in ["capture", "points", "turnlight"] {
-                    @if let Some(value) = record.get(key).and_then(toml::Value::as_str) {
-                        div { b { (key) } ": " (value) }
-                    }
-                }
-                h2 { "Observed and reproduced" }
-                (observed)
-                h2 { "Parameters on the object" }
-                p {
-                    "From the camera, and from behind. Where the data do not determine a value, the colour is "
-                    "that of the neighbours, as in the reproduction: " b { (filled_count(table)) } " of "
-                    (table.len()) " points were not seen, or show no highlight that tells their lobe."
-                }
-                @for (view, uri) in &views {
-                    figure {
-                        img src=(uri) width=(view.width) height=(view.height);
-                        figcaption { b { (view.title) } (legend(&view.legend)) }
-                    }
-                }
-                h2 { "How the points ended" }
-                (status_counts(table))
-                (reason_counts(table))
-                h2 { "Parameters of the converged points" }
-                (parameters(table))
-                h2 { "Settings, counters, seconds" }
-                @for (name, value) in record {
-                    @if let Some(section) = value.as_table() { (settings(name, section)) }
-                }
+    let content = html! {
+        h1 { "Material of a turntable capture" }
+        @for key in ["capture", "points", "turnlight"] {
+            @if let Some(value) = record.get(key).and_then(toml::Value::as_str) {
+                div { b { (key) } ": " (value) }
             }
         }
+        h2 { "Observed and reproduced" }
+        (observed)
+        h2 { "Parameters on the object" }
+        p {
+            "From the camera, and from behind. Where the data do not determine a value, the colour is "
+            "that of the neighbours, as in the reproduction: " b { (filled_count(table)) } " of "
+            (table.len()) " points were not seen, or show no highlight that tells their lobe."
+        }
+        @for (view, uri) in &views {
+            figure {
+                img src=(uri) width=(view.width) height=(view.height);
+                figcaption { b { (view.title) } (legend(&view.legend)) }
+            }
+        }
+        h2 { "How the points ended" }
+        (status_counts(table))
+        (reason_counts(table))
+        h2 { "Parameters of the converged points" }
+        (parameters(table))
+        h2 { "Settings, counters, seconds" }
+        @for (name, value) in record {
+            @if let Some(section) = value.as_table() { (settings(name, section)) }
+        }
     };
-    Ok(body.into_string())
+    Ok(document("material of a capture", &content))
 }
 
 /// The observed frames with the comparison, or why they are not here.

@@ -5,9 +5,9 @@ use std::io;
 use std::path::Path;
 
 use glam::{Mat3, Vec3};
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, PreEscaped, html};
 
-use super::page::STYLE;
+use super::document::document;
 use super::{ReportError, embed};
 use crate::estimate::{CapturePlan, FORECAST_ALPHAS, Forecast, Lamp, UNKNOWN};
 use crate::geometry::latlong_from_direction;
@@ -67,60 +67,49 @@ fn markup(page: &ProbePage<'_>) -> io::Result<String> {
     let map = embed::radiance(&map, curve)?;
     let ball = embed::radiance(&mirror_ball(page.plan.wo, look), curve)?;
     let name = page.path.display().to_string();
-    let body = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                title { "turnlight: light probe " (name) }
-                style { (PreEscaped(STYLE)) ".over{position:relative;display:inline-block}.over svg{position:absolute;\
-                    left:0;top:0;background:none;fill:none}" }
-            }
-            body {
-                h1 { "Light probe " (name) }
-                (verdict(page))
-                h2 { "The map, with the world's axes and the brightest sources" }
-                div.over { img src=(map) width=(MAP_WIDTH) height=(MAP_WIDTH / 2); (PreEscaped(overlay(page))) }
-                h2 { "As a mirror ball, seen from the camera" }
-                figure {
-                    img src=(ball) width=(BALL) height=(BALL);
-                    figcaption {
-                        "Hold a mirror ball (a ladle, a Christmas bauble) where the object will stand: the photograph must "
-                        "show the lamps where this picture does. If they are mirrored left to right, the map is; if they are "
-                        "turned, give " code { "[probe] rotation_deg" } "."
-                    }
-                }
-                h2 { "Figures" }
-                table {
-                    tr { td { "Resolution" } td { (inspection.width) " × " (inspection.height) ", "
-                        (format!("{:.2}° a texel", 360.0 / inspection.width as f64)) } }
-                    tr { td { "Range" } td { (format!("{:.2e}", inspection.range())) " from the darkest hundredth ("
-                        (format!("{:.3e}", inspection.dark)) ") to the peak (" (format!("{:.3e}", inspection.peak)) ")" } }
-                    tr { td { "Mean luminance" } td { (format!("{:.4e}", inspection.mean)) } }
-                    tr { td { "Texels without light" } td { (inspection.black_texels) } }
-                    tr { td { "Repaired on loading" } td { @if page.repairs.is_empty() { "nothing" } @else { (page.repairs) } } }
-                    tr { td { "Saturated in every exposure" } td { @match page.clipped_texels {
-                        Some(count) => { (count) " texels, by the mask of the merge" }
-                        None => "unknown: no mask of a merge lies beside the probe",
-                    } } }
-                }
-                h2 { "Sources: patches above four times the mean" }
-                (sources(inspection))
-                h2 { "What roughness this light reveals" }
-                p {
-                    "Expected standard deviation of ln alpha (0.1 is 10 %) of a single point at the bound of Cramér and Rao, by "
-                    "elevation of its normal, over one turn of " (page.plan.frames) " frames with "
-                    (format!("{:.2} %", 100.0 * page.plan.noise)) " noise, rho_d " (page.plan.rho_d) ", rho_s " (page.plan.rho_s)
-                    ", GGX, open convex surface. Above " (UNKNOWN) " roughness counts as unknown."
-                }
-                (forecast(page.forecast))
-                h2 { "Where to put a lamp" }
-                p { (place(page.lamp.0)) }
-                (forecast(page.lamp.1))
+    let content = html! {
+        h1 { "Light probe " (name) }
+        (verdict(page))
+        h2 { "The map, with the world's axes and the brightest sources" }
+        div.over { img src=(map) width=(MAP_WIDTH) height=(MAP_WIDTH / 2); (PreEscaped(overlay(page))) }
+        h2 { "As a mirror ball, seen from the camera" }
+        figure {
+            img src=(ball) width=(BALL) height=(BALL);
+            figcaption {
+                "Hold a mirror ball (a ladle, a Christmas bauble) where the object will stand: the photograph must "
+                "show the lamps where this picture does. If they are mirrored left to right, the map is; if they are "
+                "turned, give " code { "[probe] rotation_deg" } "."
             }
         }
+        h2 { "Figures" }
+        table {
+            tr { td { "Resolution" } td { (inspection.width) " × " (inspection.height) ", "
+                (format!("{:.2}° a texel", 360.0 / inspection.width as f64)) } }
+            tr { td { "Range" } td { (format!("{:.2e}", inspection.range())) " from the darkest hundredth ("
+                (format!("{:.3e}", inspection.dark)) ") to the peak (" (format!("{:.3e}", inspection.peak)) ")" } }
+            tr { td { "Mean luminance" } td { (format!("{:.4e}", inspection.mean)) } }
+            tr { td { "Texels without light" } td { (inspection.black_texels) } }
+            tr { td { "Repaired on loading" } td { @if page.repairs.is_empty() { "nothing" } @else { (page.repairs) } } }
+            tr { td { "Saturated in every exposure" } td { @match page.clipped_texels {
+                Some(count) => { (count) " texels, by the mask of the merge" }
+                None => "unknown: no mask of a merge lies beside the probe",
+            } } }
+        }
+        h2 { "Sources: patches above four times the mean" }
+        (sources(inspection))
+        h2 { "What roughness this light reveals" }
+        p {
+            "Expected standard deviation of ln alpha (0.1 is 10 %) of a single point at the bound of Cramér and Rao, by "
+            "elevation of its normal, over one turn of " (page.plan.frames) " frames with "
+            (format!("{:.2} %", 100.0 * page.plan.noise)) " noise, rho_d " (page.plan.rho_d) ", rho_s " (page.plan.rho_s)
+            ", GGX, open convex surface. Above " (UNKNOWN) " roughness counts as unknown."
+        }
+        (forecast(page.forecast))
+        h2 { "Where to put a lamp" }
+        p { (place(page.lamp.0)) }
+        (forecast(page.lamp.1))
     };
-    Ok(body.into_string())
+    Ok(document(&format!("light probe {name}"), &content))
 }
 
 /// What to do, in sentences.

@@ -4,12 +4,12 @@ use std::fmt::Write;
 use std::io;
 use std::path::Path;
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, PreEscaped, html};
 use serde_json::json;
 
 use super::charts::line;
+use super::document::document;
 use super::overlay::LEGEND;
-use super::page::STYLE;
 use super::{ReportError, embed};
 use crate::image::write_atomically;
 use crate::rig::registration::{FrameAgreement, MaskBorder, Registered, Settings, Stop};
@@ -223,46 +223,36 @@ fn render(overlays: &Path, page: &RegistrationPage<'_>) -> io::Result<String> {
         })
         .collect::<io::Result<Vec<(usize, String)>>>()?;
     let rms: Vec<f64> = frames.iter().map(|frame| frame.rms).collect();
-    let body = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                title { "turnlight: registration of a capture" }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                h1 { "Registration of a turntable capture" }
-                div { b { "capture" } ": " (page.capture) }
-                p { (page.summary()) "." }
-                h2 { "Object and turntable" }
-                table {
-                    tr { th { "parameter" } th { "value" } th { "standard deviation" } }
-                    @for row in page.rows() {
-                        tr { td { (row.name) } td { (row.value) } td { (row.sigma) } }
-                    }
-                }
-                p { "Held: " (page.held.join(", ")) "." }
-                @for unknown in &page.registered.unknown {
-                    p { b { "Undetermined" } ", kept as given: " (unknown) "." }
-                }
-                h2 { "Frames" }
-                figure {
-                    (PreEscaped(line(&rms)))
-                    figcaption { "distance of outline and border by frame, pixels, root mean square" }
-                }
-                @for (number, uri) in &pictures {
-                    figure {
-                        img src=(uri) width="512";
-                        figcaption { (name_of(&page.result.frames[*number].image)) }
-                    }
-                }
-                p { (LEGEND) "." }
-                (table(page))
+    let content = html! {
+        h1 { "Registration of a turntable capture" }
+        div { b { "capture" } ": " (page.capture) }
+        p { (page.summary()) "." }
+        h2 { "Object and turntable" }
+        table {
+            tr { th { "parameter" } th { "value" } th { "standard deviation" } }
+            @for row in page.rows() {
+                tr { td { (row.name) } td { (row.value) } td { (row.sigma) } }
             }
         }
+        p { "Held: " (page.held.join(", ")) "." }
+        @for unknown in &page.registered.unknown {
+            p { b { "Undetermined" } ", kept as given: " (unknown) "." }
+        }
+        h2 { "Frames" }
+        figure {
+            (PreEscaped(line(&rms)))
+            figcaption { "distance of outline and border by frame, pixels, root mean square" }
+        }
+        @for (number, uri) in &pictures {
+            figure {
+                img src=(uri) width="512";
+                figcaption { (name_of(&page.result.frames[*number].image)) }
+            }
+        }
+        p { (LEGEND) "." }
+        (table(page))
     };
-    Ok(body.into_string())
+    Ok(document("registration of a capture", &content))
 }
 
 fn table(page: &RegistrationPage<'_>) -> Markup {
