@@ -211,6 +211,35 @@ fn bad_brackets_exit_with_2_a_name_and_nothing_written() {
         );
         assert!(names(&out).is_empty());
     }
+    // Outputs that cannot be are refused before anything is read; nothing is written over what is read.
+    let times = ["--times", "1,2,3"];
+    let images = bracket(folder.path(), 3, ImageFormat::Png);
+    let absent = folder.path().join("absent/probe.exr");
+    let read = folder.path().join("read.exr");
+    write_exr(&read, &RgbImage::constant(96, 48, [0.1; 3])).unwrap();
+    for (images, name, said) in [
+        (&images, out.join("probe.png"), "ends in .exr"),
+        (&images, out.with_extension("exr"), "is a folder"),
+        (&images, absent, "there is no folder"),
+        (&vec![read.clone(); 3], read.clone(), "it is read"),
+    ] {
+        if said == "is a folder" {
+            std::fs::create_dir(&name).unwrap();
+        }
+        let run = merge(images, &name, &times);
+        let told = String::from_utf8_lossy(&run.stderr).into_owned();
+        assert_eq!(run.status.code(), Some(2), "{told}");
+        assert!(told.contains("--out") && told.contains(said), "{told}");
+        assert!(names(&out).is_empty());
+    }
+    // Without times: a file that is no photograph is not asked for its EXIF.
+    let text_file = folder.path().join("text.jpg");
+    std::fs::write(&text_file, "hello").unwrap();
+    let run = merge(&[text_file, images[0].clone()], &out.join("probe.exr"), &[]);
+    let told = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert_eq!(run.status.code(), Some(2), "{told}");
+    assert!(told.contains("text.jpg: is not an image"), "{told}");
+
     // Times in the wrong order: the data do not allow it.
     let images = bracket(folder.path(), 3, ImageFormat::Png);
     let run = merge(&images, &out.join("probe.exr"), &["--times", "9,3,1"]);

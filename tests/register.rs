@@ -160,9 +160,43 @@ fn a_rough_capture_becomes_one_that_fit_reads() {
         "--out",
         text(&page),
     ]);
-    // The page compares with the photographs, which are in another folder than the registered capture.
+    // Page and comparison find the photographs, which are in another folder than the registered capture.
     let page = std::fs::read_to_string(page).unwrap();
     assert!(!page.contains("cannot be shown") && page.contains("PSNR"));
+    let figures = |reference: &Path| -> serde_json::Value {
+        let json = folder.path().join("errors.json");
+        let words = [
+            "compare",
+            text(reference),
+            text(&copy),
+            "--json",
+            text(&json),
+        ];
+        succeeds(&words);
+        serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap()
+    };
+    let registered = figures(&at("1"));
+    assert_eq!(registered, figures(&capture));
+    assert_eq!(registered, figures(&rough));
+    assert_eq!(registered["frames"].as_array().unwrap().len(), FRAMES);
+    let ratio = registered["overall"]["mean_ratio"].as_f64().unwrap();
+    assert!((0.95..1.05).contains(&ratio), "{ratio}");
+
+    // Photographs keep the names that the camera gave them; they are paired by their order.
+    let named = folder.path().join("named");
+    std::fs::create_dir(&named).unwrap();
+    let mut text_ = std::fs::read_to_string(at("1").join("capture.toml")).unwrap();
+    for t in 0..FRAMES {
+        let (from, to) = (format!("{t:04}.exr"), format!("IMG_{}.exr", 9000 - t));
+        std::fs::copy(capture.join("images").join(&from), named.join(&to)).unwrap();
+        let path = format!("../capture/images/{from}");
+        assert!(text_.contains(&path), "{text_}");
+        text_ = text_.replace(&path, &format!("../named/{to}"));
+    }
+    std::fs::write(named.join("capture.toml"), text_).unwrap();
+    let by_order = figures(&named);
+    assert_eq!(by_order["overall"], registered["overall"]);
+    assert_eq!(by_order["frames"][0]["name"], "IMG_9000.exr");
     let again = turnlight(&["register", text(&capture), "--out", text(&capture)]);
     assert_eq!(again.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&again.stderr).contains("would be written over"));

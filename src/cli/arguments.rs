@@ -265,7 +265,7 @@ pub(super) struct Reproduce {
 
 #[derive(Args, Debug)]
 pub(super) struct Compare {
-    /// Reference: an image, a folder of images, or a capture folder.
+    /// Reference: an image, a folder of images, or a capture (its folder, or capture.toml).
     pub(super) reference: PathBuf,
     /// What is compared with it, of the same kind.
     pub(super) test: PathBuf,

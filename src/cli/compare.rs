@@ -2,10 +2,12 @@
 
 use super::arguments::{Common, Compare};
 use super::failure::Failure;
+use super::outputs::check_outputs;
 use super::progress::{say, write_stats, write_text};
 use crate::compare::compare_sequences;
 
 pub(super) fn run(arguments: &Compare, common: &Common) -> Result<(), Failure> {
+    check_outputs([("--json", arguments.json.as_deref())])?;
     let errors = compare_sequences(
         &arguments.reference,
         &arguments.test,

@@ -7,6 +7,7 @@ mod demo;
 mod export;
 mod failure;
 mod fit;
+mod outputs;
 mod probe;
 mod progress;
 mod register;
@@ -20,6 +21,8 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use arguments::{Cli, Command};
+use failure::Failure;
+use outputs::check_outputs;
 
 /// Runs the command line and says how it went: 0 done, 1 the data do not allow it, 2 usage or
 /// unreadable input.
@@ -41,7 +44,18 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             .num_threads(threads)
             .build_global();
     }
-    let outcome = match &cli.command {
+    let outcome = match check_outputs([("--stats", cli.common.stats.as_deref())]) {
+        Ok(()) => dispatch(&cli),
+        Err(failure) => Err(failure),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.tell(),
+    }
+}
+
+fn dispatch(cli: &Cli) -> Result<(), Failure> {
+    match &cli.command {
         Command::Demo(arguments) => demo::run(arguments, &cli.common),
         Command::Render(arguments) => render::run(arguments, &cli.common),
         Command::Register(arguments) => register::run(arguments, &cli.common),
@@ -52,9 +66,5 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Probe(probe) => probe::run(probe, &cli.common),
         Command::Report(arguments) => report::run(arguments, &cli.common),
         Command::Camera(command) => camera::run(command, &cli.common),
-    };
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => failure.tell(),
     }
 }

@@ -19,6 +19,7 @@ mod convolve;
 mod errors;
 mod exposure;
 mod flip;
+mod frames;
 #[cfg(test)]
 mod laws;
 mod pair;
@@ -28,12 +29,14 @@ mod ssim;
 use std::path::PathBuf;
 
 pub use errors::ImageErrors;
+pub use frames::{FramePair, pair_frames};
 pub use pair::{compare_at_exposure, compare_images};
 pub use sequence::{FrameErrors, Interval, SequenceErrors, compare_sequences};
 
 use crate::image::ImageError;
 #[cfg(doc)]
 use crate::image::ToneCurve;
+use crate::scene::SceneError;
 
 /// Why images cannot be compared.
 #[derive(Debug, thiserror::Error)]
@@ -41,6 +44,21 @@ pub enum CompareError {
     /// An image or mask could not be read.
     #[error(transparent)]
     Image(#[from] ImageError),
+    /// A capture could not be read.
+    #[error(transparent)]
+    Capture(#[from] SceneError),
+    /// Two captures differ in their number of frames.
+    #[error("{} has {frames_a} frames, {} has {frames_b}; compare captures of the same frames", a.display(), b.display())]
+    Counts {
+        /// First capture.
+        a: PathBuf,
+        /// Its frames.
+        frames_a: usize,
+        /// Second capture.
+        b: PathBuf,
+        /// Its frames.
+        frames_b: usize,
+    },
     /// Two images differ in size.
     #[error("{reference} is {}, {test} is {}; compare images of one size", size(*reference_size), size(*test_size))]
     Size {

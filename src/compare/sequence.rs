@@ -1,11 +1,6 @@
 //! Two files, two folders, or two captures, frame by frame.
 
-use std::{
-    collections::BTreeMap,
-    ffi::OsStr,
-    fmt, fs,
-    path::{Path, PathBuf},
-};
+use std::{fmt, path::Path};
 
 use serde::Serialize;
 
@@ -13,11 +8,10 @@ use super::{
     CompareError, ImageErrors, bootstrap,
     errors::{HEADINGS, Sums},
     exposure::Percentile,
+    frames::{FramePair, pair_frames},
     pair::{Named, Pair, add_largest_channels, check_finite, compared},
 };
 use crate::image::{Mask, RgbImage, ToneCurve};
-
-const EXTENSIONS: [&str; 7] = ["exr", "hdr", "png", "jpg", "jpeg", "tif", "tiff"];
 
 /// Errors of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -51,18 +45,13 @@ pub struct SequenceErrors {
     pub interval95: Option<Interval>,
 }
 
-/// Errors of `b` against the reference `a`: two image files, or two folders whose images have the
-/// same names.
-///
-/// A folder that contains `images/` is a capture: its images are compared, and its `masks/` used
-/// unless `masks` is given (`a`'s before `b`'s). `masks` is one mask for every frame, or a folder
-/// of masks named as the frames, up to the extension.
+/// Errors of `b` against the reference `a`, frame by frame as [`pair_frames`] pairs them.
 pub fn compare_sequences(
     a: &Path,
     b: &Path,
     masks: Option<&Path>,
 ) -> Result<SequenceErrors, CompareError> {
-    let frames = match_frames(a, b, masks)?;
+    let frames = pair_frames(a, b, masks)?;
 
     // One exposure for all frames, from the reference.
     let mut percentile = Percentile::new();
@@ -103,27 +92,7 @@ pub fn compare_sequences(
     })
 }
 
-/// Files that belong together.
-struct Frame {
-    name: String,
-    reference: PathBuf,
-    test: PathBuf,
-    mask: Option<PathBuf>,
-}
-
-impl Frame {
-    fn read_mask(&self) -> Result<Option<Mask>, CompareError> {
-        Ok(self.mask.as_deref().map(Mask::read).transpose()?)
-    }
-
-    fn mask_name(&self) -> String {
-        self.mask
-            .as_deref()
-            .unwrap_or(Path::new(""))
-            .display()
-            .to_string()
-    }
-
+impl FramePair {
     fn sums(&self, curve: ToneCurve) -> Result<Sums, CompareError> {
         let (reference, test) = (
             RgbImage::read(&self.reference)?,
@@ -145,147 +114,18 @@ impl Frame {
         )?;
         Ok(pair.sums(curve))
     }
-}
 
-fn match_frames(a: &Path, b: &Path, masks: Option<&Path>) -> Result<Vec<Frame>, CompareError> {
-    if a.is_dir() != b.is_dir() {
-        return Err(CompareError::Kinds {
-            a: a.to_owned(),
-            b: b.to_owned(),
-        });
+    fn read_mask(&self) -> Result<Option<Mask>, CompareError> {
+        Ok(self.mask.as_deref().map(Mask::read).transpose()?)
     }
-    let (images_a, images_b) = (images_of(a), images_of(b));
-    let mut frames: Vec<Frame> = if a.is_dir() {
-        let (names_a, names_b) = (list(&images_a)?, list(&images_b)?);
-        check_all_in(&names_a, &images_a, &names_b, &images_b)?;
-        check_all_in(&names_b, &images_b, &names_a, &images_a)?;
-        let frame = |name: String| Frame {
-            reference: images_a.join(&name),
-            test: images_b.join(&name),
-            mask: None,
-            name,
-        };
-        names_a.into_iter().map(frame).collect()
-    } else {
-        let name = a
-            .file_name()
-            .unwrap_or(OsStr::new(""))
-            .to_string_lossy()
-            .into_owned();
-        vec![Frame {
-            name,
-            reference: a.to_owned(),
-            test: b.to_owned(),
-            mask: None,
-        }]
-    };
 
-    let own = [a, b]
-        .into_iter()
-        .map(|path| path.join("masks"))
-        .find(|masks| masks.is_dir());
-    let Some(masks) = masks.map(Path::to_owned).or(own) else {
-        return Ok(frames);
-    };
-    let masks_by_stem: Option<BTreeMap<String, String>> = if masks.is_dir() {
-        Some(
-            list(&masks)?
-                .into_iter()
-                .map(|name| (stem(&name), name))
-                .collect(),
-        )
-    } else {
-        None
-    };
-    let mut missing = Vec::new();
-    for frame in &mut frames {
-        match &masks_by_stem {
-            None => frame.mask = Some(masks.clone()),
-            Some(names) => match names.get(&stem(&frame.name)) {
-                Some(name) => frame.mask = Some(masks.join(name)),
-                None => missing.push(frame.name.clone()),
-            },
-        }
+    fn mask_name(&self) -> String {
+        self.mask
+            .as_deref()
+            .unwrap_or(Path::new(""))
+            .display()
+            .to_string()
     }
-    if missing.is_empty() {
-        Ok(frames)
-    } else {
-        Err(CompareError::Missing {
-            folder: masks,
-            names: missing,
-            other: images_a,
-        })
-    }
-}
-
-/// A capture's images, or the folder itself.
-fn images_of(folder: &Path) -> PathBuf {
-    let images = folder.join("images");
-    if images.is_dir() {
-        images
-    } else {
-        folder.to_owned()
-    }
-}
-
-/// Names of the images in a folder, sorted; hidden files are none.
-fn list(folder: &Path) -> Result<Vec<String>, CompareError> {
-    let fault = |source| CompareError::Folder {
-        path: folder.to_owned(),
-        source,
-    };
-    let mut names = Vec::new();
-    for entry in fs::read_dir(folder).map_err(fault)? {
-        let name = entry
-            .map_err(fault)?
-            .file_name()
-            .to_string_lossy()
-            .into_owned();
-        let extension = Path::new(&name)
-            .extension()
-            .map(|e| e.to_string_lossy().to_lowercase());
-        let known = extension.is_some_and(|e| EXTENSIONS.contains(&e.as_str()));
-        if known && !name.starts_with('.') {
-            names.push(name);
-        }
-    }
-    if names.is_empty() {
-        return Err(CompareError::NoImages {
-            folder: folder.to_owned(),
-        });
-    }
-    names.sort_unstable();
-    Ok(names)
-}
-
-fn check_all_in(
-    names: &[String],
-    folder: &Path,
-    others: &[String],
-    other_folder: &Path,
-) -> Result<(), CompareError> {
-    let missing: Vec<String> = names
-        .iter()
-        .filter(|name| others.binary_search(name).is_err())
-        .cloned()
-        .collect();
-    if missing.is_empty() {
-        return Ok(());
-    }
-    let (folder, other) = (other_folder.to_owned(), folder.to_owned());
-    Err(CompareError::Missing {
-        folder,
-        names: missing,
-        other,
-    })
-}
-
-fn stem(name: &str) -> String {
-    Path::new(name)
-        .file_stem()
-        .unwrap_or(OsStr::new(""))
-        .to_string_lossy()
-        .into_owned()
 }
 
 impl fmt::Display for SequenceErrors {

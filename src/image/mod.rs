@@ -102,7 +102,8 @@ struct Fault {
 impl Fault {
     fn new(reason: impl ToString, remedy: &'static str) -> Self {
         Self {
-            reason: reason.to_string(),
+            // Some decoders end their sentences with a line break.
+            reason: reason.to_string().trim().to_owned(),
             remedy,
         }
     }

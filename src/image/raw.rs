@@ -4,8 +4,8 @@
 //! sample = (stored − black) / (white − black), then bilinear demosaicing, in [0, 1]
 //! ```
 //!
-//! Everything after that is left out: white balance, colour matrix, exposure and tone belong to
-//! the picture, not to the measurement, and an automatic white balance changes between frames.
+//! turned upright as EXIF says. Everything else is left out: white balance, colour matrix, exposure and tone belong
+//! to the picture, not to the measurement, and an automatic white balance changes between frames.
 
 use std::io::{BufRead, Seek};
 
@@ -37,6 +37,7 @@ pub(super) fn read(_: &mut (impl BufRead + Seek)) -> Result<Option<RgbImage>, Fa
 
 #[cfg(feature = "raw")]
 fn decode(bytes: &[u8]) -> Result<Option<RgbImage>, Fault> {
+    use ::image::{DynamicImage, Rgb32FImage, metadata::Orientation};
     use flashraw::low_level::core::{PixelData, RawImage};
     use flashraw::process::{DevelopParams, develop};
     use flashraw::{
@@ -93,9 +94,18 @@ fn decode(bytes: &[u8]) -> Result<Option<RgbImage>, Fault> {
     let image = develop(&stored, &info, frame.origin, &plain, false).map_err(Fault::damaged)?;
     let (width, height) = (image.width as usize, image.height as usize);
     check_size(width, height, 2, bytes.len() as u64, PACKED_LESS)?;
+    // The crate turns pictures for the screen only.
+    let Some(stored) = Rgb32FImage::from_raw(image.width, image.height, image.rgb) else {
+        return Err(Fault::damaged("has fewer samples than pixels"));
+    };
+    let mut upright = DynamicImage::ImageRgb32F(stored);
+    upright.apply_orientation(
+        Orientation::from_exif(info.orientation as u8).unwrap_or(Orientation::NoTransforms),
+    );
+    let upright = upright.into_rgb32f();
     Ok(Some(RgbImage {
-        width,
-        height,
-        pixels: image.rgb.as_chunks::<3>().0.to_vec(),
+        width: upright.width() as usize,
+        height: upright.height() as usize,
+        pixels: upright.as_raw().as_chunks::<3>().0.to_vec(),
     }))
 }

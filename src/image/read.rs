@@ -1,6 +1,8 @@
 //! Reading: the kind of a file is told from its first bytes, never from its name.
 //!
-//! What is left alone: alpha, colour profiles, EXIF orientation, Radiance's EXPOSURE line.
+//! A photograph whose EXIF says that the camera was held on its side is turned upright, as viewers show it: pixels
+//! clicked and masks painted there are of the picture shown. What is left alone: alpha, colour profiles, Radiance's
+//! EXPOSURE line.
 
 use std::{
     fs::File,
@@ -178,7 +180,10 @@ fn decode_checked(
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(4 * decoder.total_bytes() + (1 << 24));
     decoder.set_limits(limits).map_err(Fault::damaged)?;
-    DynamicImage::from_decoder(decoder).map_err(Fault::damaged)
+    let orientation = decoder.orientation().map_err(Fault::damaged)?;
+    let mut image = DynamicImage::from_decoder(decoder).map_err(Fault::damaged)?;
+    image.apply_orientation(orientation);
+    Ok(image)
 }
 
 /// Refuses sizes that are empty, too large, or more than a file of this length can hold if it packs

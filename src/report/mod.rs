@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 pub use probe::{ProbePage, write_probe_page};
 
-use crate::compare::{CompareError, SequenceErrors, compare_sequences};
+use crate::compare::{CompareError, SequenceErrors, compare_sequences, pair_frames};
 use crate::export::{ExportError, PointTable};
 use crate::image::{ImageError, RgbImage, write_atomically};
 use crate::scene::{AssetError, Capture, Scene, SceneError};
@@ -59,7 +59,7 @@ pub enum ReportError {
 }
 
 /// One frame as it was observed and, if there is a reproduction, as it is reproduced.
-struct FramePair {
+struct ShownFrame {
     name: String,
     observed: RgbImage,
     reproduced: Option<RgbImage>,
@@ -70,50 +70,44 @@ const FRAMES_SHOWN: usize = 4;
 
 /// What was observed, beside what is reproduced.
 struct Observation {
-    frames: Vec<FramePair>,
+    frames: Vec<ShownFrame>,
     errors: Option<SequenceErrors>,
 }
 
 impl Observation {
     /// A few frames, and the figures over all of them.
-    fn read(capture_path: &Path, reproduced: Option<&Path>) -> Result<Self, ReportError> {
-        let capture = Capture::load(capture_path)?;
-        let count = capture.frames.len();
+    fn read(capture: &Path, reproduced: Option<&Path>) -> Result<Self, ReportError> {
+        // (name, photograph, its reproduction) of every frame.
+        let files: Vec<(String, PathBuf, Option<PathBuf>)> = match reproduced {
+            Some(folder) => pair_frames(capture, folder, None)?
+                .into_iter()
+                .map(|pair| (pair.name, pair.reference, Some(pair.test)))
+                .collect(),
+            None => (Capture::load(capture)?.frames.into_iter())
+                .map(|frame| {
+                    let name = frame.image.file_name().unwrap_or_default();
+                    (name.to_string_lossy().into_owned(), frame.image, None)
+                })
+                .collect(),
+        };
+        let count = files.len();
         let shown = (0..FRAMES_SHOWN.min(count)).map(|i| i * count / FRAMES_SHOWN.min(count));
         let frames = shown
             .map(|number| {
-                let path = &capture.frames[number].image;
-                let name = path
-                    .file_name()
-                    .unwrap_or_default()
-                    .to_string_lossy()
-                    .into_owned();
-                let twin = reproduced.map(|folder| folder.join("images").join(&name));
-                Ok(FramePair {
-                    name,
-                    observed: RgbImage::read(path)?,
-                    reproduced: twin.map(|path| RgbImage::read(&path)).transpose()?,
+                let (name, observed, reproduced) = &files[number];
+                let reproduced = reproduced.as_deref().map(RgbImage::read).transpose()?;
+                Ok(ShownFrame {
+                    name: name.clone(),
+                    observed: RgbImage::read(observed)?,
+                    reproduced,
                 })
             })
             .collect::<Result<Vec<_>, ReportError>>()?;
         let errors = reproduced
-            .map(|folder| compare_sequences(photographs_of(&capture, capture_path), folder, None))
+            .map(|folder| compare_sequences(capture, folder, None))
             .transpose()?;
         Ok(Self { frames, errors })
     }
-}
-
-/// The folder whose `images/` holds a capture's photographs: one that `register` wrote names those of
-/// another.
-fn photographs_of<'a>(capture: &'a Capture, path: &'a Path) -> &'a Path {
-    let images = capture
-        .frames
-        .first()
-        .and_then(|frame| frame.image.parent());
-    images
-        .filter(|images| images.ends_with("images"))
-        .and_then(Path::parent)
-        .unwrap_or(path)
 }
 
 /// Writes the page about the fit folder `fit` to `out`; `reproduced` is a folder that

@@ -7,7 +7,7 @@ use maud::{Markup, PreEscaped, html};
 use super::charts::{colour_bar, histogram, line, short};
 use super::document::document;
 use super::views::{Legend, ParameterView, STATUS_COLOURS, difference, quantile};
-use super::{FramePair, Observation, ReportError, embed};
+use super::{Observation, ReportError, ShownFrame, embed};
 use crate::compare::SequenceErrors;
 use crate::export::PointTable;
 use crate::image::ToneCurve;
@@ -144,7 +144,7 @@ fn comparison(errors: &SequenceErrors) -> Markup {
     }
 }
 
-fn frame_rows(frames: &[FramePair], errors: Option<&SequenceErrors>) -> io::Result<Markup> {
+fn frame_rows(frames: &[ShownFrame], errors: Option<&SequenceErrors>) -> io::Result<Markup> {
     let exposure = errors.map_or_else(|| exposure_of(frames), |errors| errors.exposure);
     let curve = ToneCurve { exposure };
     let mut rows = Vec::new();
@@ -173,7 +173,7 @@ fn frame_rows(frames: &[FramePair], errors: Option<&SequenceErrors>) -> io::Resu
 }
 
 /// Maps the 99th percentile of the brightest channel to white.
-fn exposure_of(frames: &[FramePair]) -> f64 {
+fn exposure_of(frames: &[ShownFrame]) -> f64 {
     let mut peaks: Vec<f32> = frames
         .iter()
         .flat_map(|frame| frame.observed.pixels.iter())

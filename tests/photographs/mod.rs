@@ -1,5 +1,7 @@
 //! Small photographs with EXIF, and a raw file, written by hand.
 
+#![allow(dead_code, reason = "no test needs them all")]
+
 /// A directory of TIFF, little-endian, at offset 8: entries `(tag, kind, values as bytes)` in the order of their
 /// tags; what is longer than four bytes follows, then `rest`, whose offset fills the entry of tag `points`.
 fn tiff(entries: &[(u16, u16, Vec<u8>)], points: u16, rest: &[u8]) -> Vec<u8> {
@@ -63,7 +65,18 @@ pub(crate) fn with_exif(jpeg: &[u8], seconds: (u32, u32)) -> Vec<u8> {
     inner.extend([0; 4]);
     inner.extend(rational(seconds.0, seconds.1));
     inner.extend(rational(4, 1));
-    let block = tiff(&[(0x8769, 4, long(0))], 0x8769, &inner);
+    with_block(jpeg, &tiff(&[(0x8769, 4, long(0))], 0x8769, &inner))
+}
+
+/// A JPEG whose EXIF says how the camera was held, 1 to 8.
+pub(crate) fn jpeg_held(jpeg: &[u8], number: u16) -> Vec<u8> {
+    with_block(jpeg, &tiff(&[(ORIENTATION, 3, short(&[number]))], 0, &[]))
+}
+
+/// EXIF's tag of how the camera was held.
+const ORIENTATION: u16 = 274;
+
+fn with_block(jpeg: &[u8], block: &[u8]) -> Vec<u8> {
     let mut file = vec![0xff, 0xd8, 0xff, 0xe1];
     file.extend(((2 + 6 + block.len()) as u16).to_be_bytes());
     file.extend(b"Exif\0\0");
@@ -72,8 +85,37 @@ pub(crate) fn with_exif(jpeg: &[u8], seconds: (u32, u32)) -> Vec<u8> {
     file
 }
 
+/// A TIFF of 8 bits that says how the camera was held, 1 to 8.
+pub(crate) fn tiff_of(image: &image::RgbImage, number: u16) -> Vec<u8> {
+    let (width, height) = (image.width() as u16, image.height() as u16);
+    let bytes = image.as_raw();
+    let entries = [
+        (256, 3, short(&[width])),
+        (257, 3, short(&[height])),
+        (258, 3, short(&[8, 8, 8])),
+        (259, 3, short(&[1])),
+        (262, 3, short(&[2])),
+        (273, 4, long(0)),
+        (ORIENTATION, 3, short(&[number])),
+        (277, 3, short(&[3])),
+        (278, 3, short(&[height])),
+        (279, 4, long(bytes.len() as u32)),
+    ];
+    tiff(&entries, 273, bytes)
+}
+
 /// A DNG of 16 bits, RGGB, black 1000, white 17000, whose mosaic is `value(column, row)`.
 pub(crate) fn dng(width: u16, height: u16, value: impl Fn(u16, u16) -> u16) -> Vec<u8> {
+    dng_held(width, height, 1, value)
+}
+
+/// The same, of a camera held as EXIF's `number` says.
+pub(crate) fn dng_held(
+    width: u16,
+    height: u16,
+    number: u16,
+    value: impl Fn(u16, u16) -> u16,
+) -> Vec<u8> {
     let mosaic: Vec<u16> = (0..height)
         .flat_map(|y| (0..width).map(move |x| (x, y)))
         .map(|(x, y)| value(x, y))
@@ -89,6 +131,7 @@ pub(crate) fn dng(width: u16, height: u16, value: impl Fn(u16, u16) -> u16) -> V
         (271, 2, b"Test\0".to_vec()),
         (272, 2, b"Camera\0".to_vec()),
         (273, 4, long(0)),
+        (ORIENTATION, 3, short(&[number])),
         (277, 3, short(&[1])),
         (278, 3, short(&[height])),
         (279, 4, long(bytes.len() as u32)),

@@ -10,6 +10,7 @@ use serde_json::json;
 use super::{COEFFICIENTS, Calibrate, folder_of};
 use crate::cli::arguments::Common;
 use crate::cli::failure::Failure;
+use crate::cli::outputs::check_outputs;
 use crate::cli::progress::{bar, note, say, write_stats, write_text};
 use crate::image::RgbImage;
 use crate::rig::{Board, BoardView, Calibration, CornerFile, Stop, calibrate};
@@ -21,6 +22,11 @@ const AT_ONCE: usize = 4;
 const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "exr", "hdr"];
 
 pub(super) fn run(arguments: &Calibrate, common: &Common) -> Result<(), Failure> {
+    check_outputs([
+        ("--out", Some(arguments.out.as_path())),
+        ("--report", arguments.report.as_deref()),
+        ("--write-corners", arguments.write_corners.as_deref()),
+    ])?;
     let seen = match (&arguments.corners, arguments.board) {
         (Some(file), _) => CornerFile::load(file)?,
         (None, Some(board)) => look(board, &photographs(&arguments.photographs)?, common)?,

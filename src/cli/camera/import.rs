@@ -8,6 +8,7 @@ use serde_json::json;
 use super::{Import, Up, folder_of, overlay};
 use crate::cli::arguments::Common;
 use crate::cli::failure::Failure;
+use crate::cli::outputs::check_outputs;
 use crate::cli::progress::{note, say, write_stats, write_text};
 use crate::geometry::Turn;
 use crate::rig::{Camera, ImportChoices, Imported, Orbit, fit_orbit, import};
@@ -23,6 +24,10 @@ struct Placed {
 }
 
 pub(super) fn run(arguments: &Import, common: &Common) -> Result<(), Failure> {
+    check_outputs([
+        ("--out", Some(arguments.out.as_path())),
+        ("--overlay", arguments.overlay.as_deref()),
+    ])?;
     let choices = ImportChoices {
         camera: arguments.camera,
         size: arguments.size,

@@ -40,7 +40,8 @@ pub(in crate::cli) struct Merge {
     /// Take the exposures as they are claimed.
     #[arg(long)]
     pub(super) trust_times: bool,
-    /// Do not undo shifts between the images.
+    /// Do not undo shifts between the images. Else they are found to fractions of a pixel; columns of images twice
+    /// as wide as high go round.
     #[arg(long)]
     pub(super) no_align: bool,
 }
@@ -127,8 +128,9 @@ fn number(text: &str) -> Option<f64> {
 }
 
 fn exposure(text: &str) -> Result<f64, String> {
-    let found = number(text).filter(|t| *t > 0.0);
-    found.ok_or_else(|| "must be seconds > 0, such as 0.004 or 1/250".to_owned())
+    // Beyond these, radiances are no longer numbers of single precision.
+    let found = number(text).filter(|t| (1e-9..=1e9).contains(t));
+    found.ok_or_else(|| "must be seconds > 0 (1e-9 to 1e9), such as 0.004 or 1/250".to_owned())
 }
 
 fn within(text: &str, low: f64, high: f64) -> Result<f32, String> {

@@ -6,6 +6,7 @@ use serde_json::json;
 use super::arguments::Inspect;
 use crate::cli::arguments::Common;
 use crate::cli::failure::Failure;
+use crate::cli::outputs::check_outputs;
 use crate::cli::progress::{note, say, write_stats, write_text};
 use crate::estimate::{CapturePlan, FORECAST_ALPHAS, Forecast, Forecaster, Lamp};
 use crate::image::{Mask, RgbImage};
@@ -17,6 +18,10 @@ const LAMP_RADIUS_DEG: f32 = 2.0;
 const LAMP_SHARE: f32 = 0.25;
 
 pub(super) fn run(arguments: &Inspect, common: &Common) -> Result<(), Failure> {
+    check_outputs([
+        ("--out", Some(arguments.out.as_path())),
+        ("--json", arguments.json.as_deref()),
+    ])?;
     let path = &arguments.probe;
     let image = RgbImage::read(path)?;
     let input = |reason: String| Failure::Input(anyhow::anyhow!("{}: {reason}", path.display()));

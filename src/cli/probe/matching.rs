@@ -5,13 +5,22 @@ use std::path::Path;
 use super::arguments::{Corners, Match};
 use crate::cli::arguments::Common;
 use crate::cli::failure::Failure;
+use crate::cli::outputs::{check_exr, check_kept, check_outputs};
 use crate::cli::progress::{note, say, write_stats, write_text};
-use crate::image::{Depth, RgbImage, write_exr};
+use crate::image::{Depth, Mask, RgbImage, write_exr};
 use crate::probe::{Chart, ColourError, ColourMatch, GreyCurve, match_colours};
 
 pub(super) fn run(arguments: &Match, common: &Common) -> Result<(), Failure> {
     // A curve speaks of stored samples; without one, pictures are taken as sRGB.
     let raw = arguments.greys.is_some();
+    check_outputs([
+        ("--out", Some(arguments.out.as_path())),
+        ("--matched", arguments.matched.as_deref()),
+    ])?;
+    if let (Some(matched), Some(apply)) = (&arguments.matched, &arguments.apply) {
+        check_exr("--matched", matched)?;
+        check_kept("--matched", matched, [apply.as_path()])?;
+    }
     let grid = arguments.grid;
     let probe = chart(&arguments.probe, arguments.probe_corners, grid, raw)?;
     let camera = if arguments.camera.as_os_str() == "colorchecker" {
@@ -33,13 +42,21 @@ pub(super) fn run(arguments: &Match, common: &Common) -> Result<(), Failure> {
 
     // The probe is read before anything is written.
     let converted = match (&arguments.apply, &arguments.matched) {
-        (Some(apply), Some(matched)) => Some((convert(apply, &found, common)?, matched)),
+        (Some(apply), Some(matched)) => {
+            // What `probe merge` found saturated stays so in other colours.
+            let mask = apply.with_extension("clipped.png");
+            let clipped = mask.exists().then(|| Mask::read(&mask)).transpose()?;
+            Some((convert(apply, &found, common)?, clipped, matched))
+        }
         _ => None,
     };
     let record = record(&found);
     let text = toml::to_string(&record).map_err(anyhow::Error::from)?;
     write_text(&arguments.out, &text)?;
-    if let Some((image, path)) = converted {
+    if let Some((image, clipped, path)) = converted {
+        if let Some(clipped) = clipped {
+            clipped.write(&path.with_extension("clipped.png"))?;
+        }
         write_exr(path, &image)?;
     }
     say(&format!(

@@ -7,11 +7,16 @@ use serde_json::{Value, json};
 use super::arguments::Merge;
 use crate::cli::arguments::Common;
 use crate::cli::failure::Failure;
+use crate::cli::outputs::{check_exr, check_kept, check_outputs};
 use crate::cli::progress::{bar, note, say, write_stats, write_text};
 use crate::image::{Channel, Depth, Exposure, RgbImage, write_exr, write_exr_channels};
 use crate::probe::{Curve, Frame, MergeError, MergeSettings, Merged, Response, merge};
 
 pub(super) fn run(arguments: &Merge, common: &Common) -> Result<(), Failure> {
+    check_exr("--out", &arguments.out)?;
+    check_outputs([("--out", Some(arguments.out.as_path()))])?;
+    let read = arguments.images.iter().map(PathBuf::as_path);
+    check_kept("--out", &arguments.out, read)?;
     let exposures = match &arguments.times {
         Some(times) if times.len() != arguments.images.len() => {
             return Err(Failure::Input(anyhow::anyhow!(
@@ -77,6 +82,8 @@ fn claimed(images: &[PathBuf]) -> Result<Vec<f64>, Failure> {
         }
     };
     if let Some(i) = read.iter().position(|e| e.seconds.is_none()) {
+        // A file that is no image at all has more missing than EXIF.
+        RgbImage::read_samples(&images[i])?;
         return Err(lack(&images[i], "ExposureTime"));
     }
     lacks("FNumber", &|e| e.f_number.is_some())?;
@@ -146,7 +153,7 @@ fn record(merged: &Merged) -> Value {
                 "claimed_exposure": f.claimed,
                 "exposure": f.exposure,
                 "exposure_from_overlap": f.overlaps,
-                "shift": [f.shift.0, f.shift.1],
+                "shift": f.shift,
                 "saturated_texels": f.saturated,
                 "left_out_texels": f.ghosts,
             })
@@ -166,17 +173,17 @@ fn record(merged: &Merged) -> Value {
 }
 
 fn tell(merged: &Merged, common: &Common) {
-    say("claimed      refined      change  saturated  left out  shift   image");
+    say("claimed      refined      change  saturated  left out  shift        image");
     for f in &merged.frames {
         let change = 100.0 * (f.exposure / f.claimed - 1.0);
         say(&format!(
-            "{:<12.6} {:<12.6} {change:+5.1} %  {:>9}  {:>8}  {:>2},{:<3}  {}",
+            "{:<12.6} {:<12.6} {change:+5.1} %  {:>9}  {:>8}  {:>5.2},{:<5.2}  {}",
             f.claimed,
             f.exposure,
             f.saturated,
             f.ghosts,
-            f.shift.0,
-            f.shift.1,
+            f.shift[0],
+            f.shift[1],
             f.name.display()
         ));
         if !f.overlaps {

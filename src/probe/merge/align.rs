@@ -5,10 +5,15 @@
 //! pixels' order, so the cuts are the same curve in the scene, whatever the response and the exposures.
 //! The shift with the fewest disagreeing pixels is found from coarse to fine.
 
+use std::collections::BTreeSet;
+
 use super::Frame;
+use super::pixels::is_panorama;
 
 /// Levels of the pyramid at most: shifts up to 2^5 − 1 pixels.
 const LEVELS: u32 = 5;
+/// Shifts that go on from a coarse level to the next.
+const CANDIDATES: usize = 4;
 /// Pixels this close to the cut are noise.
 const TOLERANCE: f32 = 4.0 / 255.0;
 /// A shift must remove this share of the disagreement: where nothing moved, noise decides between
@@ -19,22 +24,22 @@ const TILES: usize = 4;
 /// And this share of the pixels: a few edges make more disagree for a shift of one. Without it, frames of a smooth scene were moved by two pixels along its contours.
 const LEAST_GAIN: f64 = 0.003;
 
-/// By how many columns and rows each frame must be moved to lie on the middle one; frames in the order of
-/// exposures, each compared with its neighbour.
+/// By how many columns and rows each frame must be moved to lie on the middle one, whole pixels; frames in the
+/// order of exposures, each compared with its neighbour.
 pub(super) fn shifts(frames: &[Frame]) -> Vec<(i32, i32)> {
-    let middle = frames.len() / 2;
     let mut shifts = vec![(0, 0); frames.len()];
-    let chain = |from: usize, to: usize, shifts: &mut Vec<(i32, i32)>| {
+    for (from, to) in chain(frames.len()) {
         let (x, y) = shift(&frames[to], &frames[from]);
         shifts[from] = (shifts[to].0 + x, shifts[to].1 + y);
-    };
-    for from in (0..middle).rev() {
-        chain(from, from + 1, &mut shifts);
-    }
-    for from in middle + 1..frames.len() {
-        chain(from, from - 1, &mut shifts);
     }
     shifts
+}
+
+/// Every frame but the middle one with its neighbour towards the middle, whose place is known before.
+pub(super) fn chain(frames: usize) -> impl Iterator<Item = (usize, usize)> {
+    let middle = frames / 2;
+    let down = (0..middle).rev().map(|from| (from, from + 1));
+    down.chain((middle + 1..frames).map(|from| (from, from - 1)))
 }
 
 /// Bright (+1), dark (−1) or undecided (0).
@@ -53,25 +58,25 @@ fn shift(fixed: &Frame, moved: &Frame) -> (i32, i32) {
     let Some((fixed_cut, moved_cut)) = thresholds(&pyramids[0][0], &pyramids[1][0]) else {
         return (0, 0);
     };
-    let mut best = (0, 0);
+    // The best few of each coarse level go on: in a dark frame, a handful of pixels decides there.
+    let mut kept = vec![(0, 0)];
     for level in (0..pyramids[0].len()).rev() {
-        best = (2 * best.0, 2 * best.1);
         let (a, b) = (
             cut(&pyramids[0][level], fixed_cut),
             cut(&pyramids[1][level], moved_cut),
         );
-        let centre = best;
-        let mut least = disagreement(&a, &b, centre);
-        for dy in -1..=1 {
-            for dx in -1..=1 {
-                let candidate = (centre.0 + dx, centre.1 + dy);
-                let share = disagreement(&a, &b, candidate);
-                if share < least {
-                    (best, least) = (candidate, share);
-                }
-            }
-        }
+        let around = |&(x, y): &(i32, i32)| {
+            (-1..=1).flat_map(move |j| (-1..=1).map(move |i| (2 * x + i, 2 * y + j)))
+        };
+        let candidates: BTreeSet<(i32, i32)> = kept.iter().flat_map(around).collect();
+        let mut shares: Vec<(f64, i32, (i32, i32))> = (candidates.into_iter())
+            .map(|(x, y)| (disagreement(&a, &b, (x, y)), x.abs() + y.abs(), (x, y)))
+            .collect();
+        shares.sort_unstable_by(|p, q| p.0.total_cmp(&q.0).then((p.1, p.2).cmp(&(q.1, q.2))));
+        shares.truncate(if level > 1 { CANDIDATES } else { 1 });
+        kept = shares.into_iter().map(|(.., shift)| shift).collect();
     }
+    let best = kept.first().copied().unwrap_or((0, 0));
     let (a, b) = (
         cut(&pyramids[0][0], fixed_cut),
         cut(&pyramids[1][0], moved_cut),
@@ -215,13 +220,18 @@ fn disagreement(fixed: &Cut, moved: &Cut, shift: (i32, i32)) -> f64 {
 fn counts(fixed: &Cut, moved: &Cut, shift: (i32, i32)) -> [Count; TILES * TILES] {
     let (width, height) = (fixed.width as i64, fixed.height as i64);
     let (dx, dy) = (i64::from(shift.0), i64::from(shift.1));
-    let (x0, x1) = (dx.max(0), (width + dx).min(width));
+    let around = is_panorama(fixed.width, fixed.height);
+    let (x0, x1) = if around {
+        (0, width)
+    } else {
+        (dx.max(0), (width + dx).min(width))
+    };
     let mut counts = [Count::default(); TILES * TILES];
     for y in dy.max(0)..(height + dy).min(height) {
         let row = y as usize * TILES / fixed.height * TILES;
         for x in x0..x1 {
             let a = fixed.signs[(y * width + x) as usize];
-            let b = moved.signs[((y - dy) * width + x - dx) as usize];
+            let b = moved.signs[((y - dy) * width + (x - dx).rem_euclid(width)) as usize];
             let count = &mut counts[row + x as usize * TILES / fixed.width];
             count.decided += u64::from(a * b != 0);
             count.differ += u64::from(a * b < 0);

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::Frame;
+use super::fraction::Taps;
 use super::noise::Noise;
 use super::pixels::at;
 use super::response::Response;
@@ -17,7 +18,7 @@ const KNOWS: f32 = 4.0;
 
 /// What is known of the frames.
 pub(super) struct Plan<'a> {
-    pub(super) shifts: &'a [(i32, i32)],
+    pub(super) shifts: &'a [[f64; 2]],
     pub(super) exposures: &'a [f64],
     pub(super) response: &'a Response,
     pub(super) noise: &'a Noise,
@@ -69,6 +70,9 @@ struct Voice {
 
 pub(super) fn combine(frames: &[Frame], plan: &Plan<'_>) -> Combined {
     let (width, height) = (frames[0].samples.width, frames[0].samples.height);
+    let moved: Vec<Moved<'_>> = (frames.iter().zip(plan.shifts))
+        .map(|(frame, &shift)| Moved::new(frame, shift))
+        .collect();
     let rows: Vec<Row> = (0..height)
         .into_par_iter()
         .map(|y| {
@@ -76,7 +80,7 @@ pub(super) fn combine(frames: &[Frame], plan: &Plan<'_>) -> Combined {
             let mut ghosts = vec![false; width];
             let texels = (0..width)
                 .map(|x| {
-                    let voices = voices(frames, plan, x, y);
+                    let voices = voices(&moved, plan, x, y);
                     for voice in &voices {
                         let saturated = voice.says.iter().any(|s| matches!(s, Say::Saturated(_)));
                         counts[0][voice.frame] += usize::from(saturated);
@@ -128,29 +132,67 @@ pub(super) fn combine(frames: &[Frame], plan: &Plan<'_>) -> Combined {
     }
 }
 
-fn voices(frames: &[Frame], plan: &Plan<'_>, x: usize, y: usize) -> Vec<Voice> {
-    (frames
-        .iter()
-        .zip(plan.shifts)
-        .zip(plan.exposures)
-        .enumerate())
-    .filter_map(|(j, ((frame, &shift), &exposure))| {
-        let samples = at(frame, shift, x as i64, y as i64)?;
-        let says = [0, 1, 2].map(|c| {
-            let v = samples[c];
-            if v >= plan.saturation {
-                Say::Saturated(plan.response.linearise(c, plan.saturation))
-            } else {
-                Say::Exposure(plan.response.linearise(c, v), plan.response.step(c, v))
-            }
-        });
-        Some(Voice {
-            frame: j,
-            exposure: exposure as f32,
-            says,
+fn voices(moved: &[Moved<'_>], plan: &Plan<'_>, x: usize, y: usize) -> Vec<Voice> {
+    (moved.iter().zip(plan.exposures).enumerate())
+        .filter_map(|(j, (moved, &exposure))| {
+            Some(Voice {
+                frame: j,
+                exposure: exposure as f32,
+                says: moved.says(plan, x as i64, y as i64)?,
+            })
         })
-    })
-    .collect()
+        .collect()
+}
+
+/// A frame and where it is moved to.
+struct Moved<'a> {
+    frame: &'a Frame,
+    whole: (i32, i32),
+    /// Where it is moved by a fraction of a pixel, too.
+    taps: Option<Taps>,
+}
+
+impl<'a> Moved<'a> {
+    fn new(frame: &'a Frame, shift: [f64; 2]) -> Self {
+        let whole = shift.map(f64::round);
+        Self {
+            frame,
+            whole: (whole[0] as i32, whole[1] as i32),
+            taps: (whole != shift).then(|| Taps::new(shift)),
+        }
+    }
+
+    /// What the frame says about a texel; `None` outside it.
+    fn says(&self, plan: &Plan<'_>, x: i64, y: i64) -> Option<[Say; 3]> {
+        let nearest = at(self.frame, self.whole, x, y)?;
+        Some([0, 1, 2].map(|c| {
+            let v = nearest[c];
+            if v >= plan.saturation {
+                return Say::Saturated(plan.response.linearise(c, plan.saturation));
+            }
+            let between = self
+                .taps
+                .and_then(|taps| self.between(&taps, plan, c, (x, y)));
+            let x = between.unwrap_or_else(|| plan.response.linearise(c, v));
+            Say::Exposure(x, plan.response.step(c, v))
+        }))
+    }
+
+    /// The linear exposure between samples; `None` where one of them is saturated or missing. Not below the
+    /// least of them: the cubic undershoots beside lamps.
+    fn between(&self, taps: &Taps, plan: &Plan<'_>, c: usize, (x, y): (i64, i64)) -> Option<f32> {
+        let (mut sum, mut least) = (0.0, f32::INFINITY);
+        for (column, row, weight) in taps.of(x, y) {
+            let v = at(self.frame, (0, 0), column, row)?[c];
+            if v >= plan.saturation {
+                return None;
+            }
+            let exposure = plan.response.linearise(c, v);
+            sum += weight * exposure;
+            least = least.min(exposure);
+        }
+        Some(sum.max(least))
+    }
 }
 
 /// Which voices agree with the one that most agree with, among those that know: a saturated or dark sample

@@ -14,7 +14,7 @@ pub enum MergeError {
         count: usize,
     },
     /// Not a time.
-    #[error("{}: exposure = {exposure}: must be finite and > 0; give the times with --times", name.display())]
+    #[error("{}: exposure = {exposure}: must be > 0 (1e-15 to 1e15); give the times with --times", name.display())]
     Exposure {
         /// The image.
         name: PathBuf,

@@ -6,7 +6,7 @@ use rand_pcg::{Pcg64Mcg as Pcg64, rand_core::SeedableRng};
 use super::*;
 
 /// A camera of 8 bits: `v = round(255 · tone(clamp(t L + noise)))/255`.
-struct Camera {
+pub(super) struct Camera {
     tone: fn(f64) -> f64,
     /// Electrons at white, and read noise in electrons.
     full_well: f64,
@@ -18,7 +18,7 @@ fn srgb(x: f64) -> f64 {
 }
 
 /// sRGB and half of an S-curve over it, as cameras' picture styles have it.
-fn film(x: f64) -> f64 {
+pub(super) fn film(x: f64) -> f64 {
     let v = srgb(x);
     0.5 * v + 0.5 * v * v * (3.0 - 2.0 * v)
 }
@@ -27,14 +27,14 @@ fn gamma(x: f64) -> f64 {
     x.powf(1.0 / 1.8)
 }
 
-const CAMERA: Camera = Camera {
+pub(super) const CAMERA: Camera = Camera {
     tone: film,
     full_well: 30_000.0,
     read: 5.0,
 };
 
 /// Smooth and with lamps, radiance from 1e-3 to 1e3, colours apart.
-fn scene(width: usize, height: usize) -> RgbImage {
+pub(super) fn scene(width: usize, height: usize) -> RgbImage {
     RgbImage::from_fn(width, height, |x, y| {
         let (u, v) = (x as f64 / width as f64, y as f64 / height as f64);
         let level = 6.0 * u - 3.0 + 0.3 * (9.0 * v).sin() + 0.2 * (31.0 * u * v).cos();
@@ -44,7 +44,7 @@ fn scene(width: usize, height: usize) -> RgbImage {
     })
 }
 
-fn expose(radiance: &RgbImage, exposure: f64, camera: &Camera, seed: u64) -> RgbImage {
+pub(super) fn expose(radiance: &RgbImage, exposure: f64, camera: &Camera, seed: u64) -> RgbImage {
     let mut random = Pcg64::seed_from_u64(seed);
     let normal = Normal::new(0.0, 1.0).unwrap();
     let pixels = radiance
@@ -68,7 +68,7 @@ fn expose(radiance: &RgbImage, exposure: f64, camera: &Camera, seed: u64) -> Rgb
 }
 
 /// Eleven exposures, 1.4 stops apart, from 1/2000 s on.
-fn exposures() -> Vec<f64> {
+pub(super) fn exposures() -> Vec<f64> {
     (0..11)
         .map(|j| 2f64.powf(1.4 * f64::from(j)) / 2000.0)
         .collect()
@@ -102,7 +102,7 @@ fn median_error(merged: &Merged, truth: &RgbImage, scale: f64) -> f64 {
 }
 
 /// What radiance 1 becomes: the middle level means sRGB's 0.216.
-fn scale_of(tone: fn(f64) -> f64) -> f64 {
+pub(super) fn scale_of(tone: fn(f64) -> f64) -> f64 {
     let v = 128.0 / 255.0;
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..60 {
@@ -133,13 +133,7 @@ fn responses_of_many_shapes_are_recovered() {
                 "{:?} median error {error:.4} {:?}",
                 settings.curve, merged.noise
             );
-            // Robertson's bins are noisier; Debevec's is the default.
-            let most = if settings.curve == Curve::Auto {
-                0.01
-            } else {
-                0.02
-            };
-            assert!(error < most, "{:?} {error}", settings.curve);
+            assert!(error < 0.01, "{:?} {error}", settings.curve);
         }
     }
 }
@@ -239,47 +233,6 @@ fn what_moved_is_left_out() {
     println!("{:?}", merged.noise);
     println!("found {found} of 1600, elsewhere {outside}; median error there {error:.4}");
     assert!(found > 1500 && outside < 312 && error < 0.02);
-}
-
-#[test]
-fn shifts_are_found_and_still_frames_stay() {
-    // Textured, as rooms are: smooth light tells no shift.
-    let mut truth = scene(320, 160);
-    for (i, p) in truth.pixels.iter_mut().enumerate() {
-        let (x, y) = (i % 320, i / 320);
-        let albedo = [0.3, 1.0, 0.5, 0.8][(x / 5 * 7 + y / 5 * 3 + x * y / 900) % 4];
-        *p = p.map(|c| albedo * c);
-    }
-    let t = exposures();
-    let large = |dx: usize, dy: usize| {
-        RgbImage::from_fn(256, 128, |x, y| truth.pixels[(y + dy) * 320 + x + dx])
-    };
-    let shift = |j: usize| {
-        if j == 3 {
-            (7, 2)
-        } else if j == 8 {
-            (11, 12)
-        } else {
-            (9, 9)
-        }
-    };
-    let bracket: Vec<Frame> = (0..11)
-        .map(|j| Frame {
-            name: format!("{j:02}.png").into(),
-            samples: expose(&large(shift(j).0, shift(j).1), t[j], &CAMERA, j as u64),
-            depth: Depth::Bits8,
-            exposure: t[j],
-        })
-        .collect();
-    let found = align::shifts(&bracket);
-    for (j, found) in found.iter().enumerate() {
-        let (x, y) = shift(j);
-        println!("frame {j} {found:?} of {:?}", (x as i32 - 9, y as i32 - 9));
-    }
-    for (j, found) in found.iter().enumerate() {
-        let (x, y) = shift(j);
-        assert_eq!(*found, (x as i32 - 9, y as i32 - 9), "frame {j}");
-    }
 }
 
 #[test]

@@ -14,6 +14,7 @@ mod align;
 mod combine;
 mod debevec;
 mod error;
+mod fraction;
 mod noise;
 mod pixels;
 mod response;
@@ -22,6 +23,8 @@ mod times;
 
 #[cfg(test)]
 mod laws;
+#[cfg(test)]
+mod shift_laws;
 
 use std::path::PathBuf;
 
@@ -69,7 +72,8 @@ pub struct MergeSettings {
     pub saturation: f32,
     /// Whether exposures are refined from overlaps.
     pub refine: bool,
-    /// Whether small shifts are undone.
+    /// Whether small shifts are undone, to fractions of a pixel. Columns of an image twice as wide as high go
+    /// round: it is taken for a full turn.
     pub align: bool,
 }
 
@@ -95,8 +99,8 @@ pub struct FrameRecord {
     pub exposure: f64,
     /// Whether an overlap with another frame tells the exposure; else it is the claim.
     pub overlaps: bool,
-    /// Columns and rows by which the frame was moved.
-    pub shift: (i32, i32),
+    /// Columns and rows by which the frame was moved, pixels.
+    pub shift: [f64; 2],
     /// Texels with a saturated channel.
     pub saturated: usize,
     /// Texels left out because the other frames disagree.
@@ -132,14 +136,14 @@ pub fn merge(mut frames: Vec<Frame>, settings: &MergeSettings) -> Result<Merged,
         by_time.then_with(|| a.name.cmp(&b.name))
     });
 
-    // Shifts are found from the order of samples, so before any response is known.
-    let shifts = if settings.align {
+    // Whole pixels are found from the order of samples, so before any response is known.
+    let whole = if settings.align {
         align::shifts(&frames)
     } else {
         vec![(0, 0); frames.len()]
     };
     let claimed: Vec<f64> = frames.iter().map(|f| f.exposure).collect();
-    let pixels = Pixels::choose(&frames, &shifts, settings.saturation);
+    let pixels = Pixels::choose(&frames, &whole, settings.saturation);
 
     // Response and exposures: each is found from the other, three times round. The exponent
     // that both could share stays with the claimed exposures.
@@ -170,6 +174,17 @@ pub fn merge(mut frames: Vec<Frame>, settings: &MergeSettings) -> Result<Merged,
     }
 
     let noise = Noise::measure(&pixels, &response, &refined.exposures, depth);
+    let shifts = if settings.align {
+        fraction::refine(
+            &frames,
+            &whole,
+            &response,
+            &refined.exposures,
+            settings.saturation,
+        )
+    } else {
+        vec![[0.0; 2]; frames.len()]
+    };
     let combined = combine::combine(
         &frames,
         &combine::Plan {
@@ -205,6 +220,9 @@ pub fn merge(mut frames: Vec<Frame>, settings: &MergeSettings) -> Result<Merged,
     })
 }
 
+/// Exposures whose radiances are numbers of single precision.
+const EXPOSURES: std::ops::RangeInclusive<f64> = 1e-15..=1e15;
+
 fn check(frames: &[Frame]) -> Result<(), MergeError> {
     let [first, others @ ..] = frames else {
         return Err(MergeError::TooFew { count: 0 });
@@ -214,7 +232,7 @@ fn check(frames: &[Frame]) -> Result<(), MergeError> {
     }
     let size = |frame: &Frame| (frame.samples.width, frame.samples.height);
     for frame in frames {
-        if !(frame.exposure.is_finite() && frame.exposure > 0.0) {
+        if !EXPOSURES.contains(&frame.exposure) {
             return Err(MergeError::Exposure {
                 name: frame.name.clone(),
                 exposure: frame.exposure,

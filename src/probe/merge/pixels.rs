@@ -73,10 +73,20 @@ impl Pixels {
     }
 }
 
+/// Whether an image is taken for a full turn, whose columns go round: twice as wide as high.
+pub(super) fn is_panorama(width: usize, height: usize) -> bool {
+    width == 2 * height
+}
+
 /// The sample of a frame that is to be moved by `shift`, if there is one.
 pub(super) fn at(frame: &Frame, shift: (i32, i32), x: i64, y: i64) -> Option<[f32; 3]> {
     let (width, height) = (frame.samples.width, frame.samples.height);
-    let column = usize::try_from(x - i64::from(shift.0)).ok()?;
+    let column = x - i64::from(shift.0);
+    let column = if is_panorama(width, height) {
+        column.rem_euclid(width as i64) as usize
+    } else {
+        usize::try_from(column).ok()?
+    };
     let row = usize::try_from(y - i64::from(shift.1)).ok()?;
     (column < width && row < height).then(|| frame.samples.pixels[row * width + column])
 }

@@ -5,16 +5,20 @@
 //! L_i = Σ_j w(v_ij) t_j f(v_ij) / Σ_j w(v_ij) t_j²,      f(m) = mean of t_j L_i over v_ij = m   (Eq. 10, 14)
 //! ```
 //!
-//! in alternation from a linear start, the middle level fixed.
+//! in alternation from a linear start, the middle level fixed; with two changes, without either of which radiance comes
+//! out 1.5 % off on simulated brackets instead of 0.8 %. A sample is not asked about its own level: L_i is that of the
+//! pixel's *other* samples, since a mean that contains the sample bends every f(m) towards itself. And the bell w
+//! is lowered to 0 at its ends: at e⁻⁴, nearly saturated samples outweigh all others by their t².
+
+use std::collections::BTreeSet;
 
 use super::pixels::Pixels;
 use super::response::{LEVELS, MIDDLE, Response};
 use super::{MergeError, debevec};
 
-/// Rounds at most, and the change of the response at which they end, relative. On simulated brackets radiance is 1.2
-/// to 1.7 % off then; a thousand rounds end 1.5 to 2.6 % off, since the mean of noisy dark samples is no
-/// sample of the mean. Debevec's stays below 0.9 %.
-const ROUNDS: usize = 200;
+/// Rounds at most, and the change of any level at which they end, relative. 650 to 720 rounds are usual; after 200
+/// radiance is still 1.7 % off, at changes of 1e-4 up to 0.1 % more than at the end.
+const ROUNDS: usize = 2000;
 const STILL: f64 = 1e-5;
 
 pub(super) fn response(pixels: &Pixels, exposures: &[f64]) -> Result<Response, MergeError> {
@@ -30,54 +34,64 @@ pub(super) fn response(pixels: &Pixels, exposures: &[f64]) -> Result<Response, M
             })
             .filter(|group| group.len() > 1)
             .collect();
-        let f = alternate(&groups);
-        // Levels that no pixel shows lie between those that some do.
-        let seen: Vec<usize> = (0..LEVELS).filter(|&m| f[m] > 0.0).collect();
-        if seen.len() < debevec::LEAST_LEVELS {
+        let levels: BTreeSet<usize> = groups.iter().flatten().map(|&(m, _)| m).collect();
+        if levels.len() < debevec::LEAST_LEVELS {
             return Err(MergeError::Data {
                 reason: format!(
                     "only {} of 256 levels are seen well exposed in two frames, too few to recover the \
                      response",
-                    seen.len()
+                    levels.len()
                 ),
                 remedy: "add exposures in between, or give --response linear, srgb or a file",
             });
         }
-        *logarithm = (0..LEVELS).map(|m| between(&seen, &f, m)).collect();
+        *logarithm = alternate(&groups).into_iter().map(f64::ln).collect();
     }
     Ok(Response::from_logarithms(logarithms))
 }
 
-/// `f` by level, 0 where no pixel shows it.
+/// `f` by level.
 fn alternate(groups: &[Vec<(usize, f64)>]) -> Vec<f64> {
-    let weight = |m: usize| {
+    let bell = |m: usize| {
         let z = (m as f64 - 127.5) / 127.5;
         (-4.0 * z * z).exp()
     };
-    let mut f: Vec<f64> = (0..LEVELS).map(|m| m as f64 / MIDDLE as f64).collect();
+    let weights: Vec<f64> = (0..LEVELS)
+        .map(|m| (bell(m) - bell(0)) / (1.0 - bell(0)))
+        .collect();
+    // The darkest level stands for half a step: its logarithm is asked for.
+    let mut f: Vec<f64> = (0..LEVELS)
+        .map(|m| (m as f64).max(0.5) / MIDDLE as f64)
+        .collect();
     for _ in 0..ROUNDS {
         let (mut sums, mut counts) = (vec![0.0; LEVELS], vec![0usize; LEVELS]);
         for group in groups {
             let (mut up, mut down) = (0.0, 0.0);
             for &(m, t) in group {
-                up += weight(m) * t * f[m];
-                down += weight(m) * t * t;
+                up += weights[m] * t * f[m];
+                down += weights[m] * t * t;
             }
             for &(m, t) in group {
-                sums[m] += t * up / down;
-                counts[m] += 1;
+                let (others, exposure) = (up - weights[m] * t * f[m], down - weights[m] * t * t);
+                // What rounding leaves of a sample that is alone is no radiance.
+                if exposure > 1e-9 * down && others > 0.0 {
+                    sums[m] += t * others / exposure;
+                    counts[m] += 1;
+                }
             }
         }
-        let mut next: Vec<f64> = (sums.iter().zip(&counts))
-            .map(|(sum, &count)| if count > 0 { sum / count as f64 } else { 0.0 })
+        let means: Vec<(usize, f64)> = (0..LEVELS)
+            .filter(|&m| counts[m] > 0)
+            .map(|m| (m, sums[m] / counts[m] as f64))
             .collect();
-        let middle = (0..LEVELS)
-            .filter(|&m| next[m] > 0.0)
-            .min_by_key(|m| m.abs_diff(MIDDLE))
-            .map_or(1.0, |m| next[m]);
+        if means.len() < 2 {
+            break;
+        }
+        let mut next: Vec<f64> = (0..LEVELS).map(|m| between(&means, m)).collect();
+        let middle = next[MIDDLE];
         next.iter_mut().for_each(|x| *x /= middle);
         let change = (next.iter().zip(&f))
-            .map(|(a, b)| (a - b).abs())
+            .map(|(a, b)| (a / b).ln().abs())
             .fold(0.0, f64::max);
         f = next;
         if change < STILL {
@@ -87,11 +101,13 @@ fn alternate(groups: &[Vec<(usize, f64)>]) -> Vec<f64> {
     f
 }
 
-/// `ln f` at level `m` from the levels seen, straight in `ln m`, beyond them along the end.
-fn between(seen: &[usize], f: &[f64], m: usize) -> f64 {
+/// `f` at level `m` from the levels seen, a power of `m` between them, beyond them as at the end.
+fn between(seen: &[(usize, f64)], m: usize) -> f64 {
     let ln = |m: usize| (m as f64).max(0.5).ln();
-    let after = seen.partition_point(|&s| s < m).clamp(1, seen.len() - 1);
-    let (a, b) = (seen[after - 1], seen[after]);
+    let after = seen
+        .partition_point(|&(level, _)| level < m)
+        .clamp(1, seen.len() - 1);
+    let ((a, low), (b, high)) = (seen[after - 1], seen[after]);
     let share = (ln(m) - ln(a)) / (ln(b) - ln(a));
-    f[a].ln() + share * (f[b].ln() - f[a].ln())
+    (low.ln() + share * (high.ln() - low.ln())).exp()
 }

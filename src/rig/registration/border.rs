@@ -46,7 +46,7 @@ impl MaskBorder {
 
     /// How far all borders may be off together, pixels: nobody knows whether a share was rounded down or to
     /// the nearest; and on borders that curve, whole pixels and centres were 0.02 pixels off in the mean.
-    fn doubt(self, outward: DVec2) -> f64 {
+    pub(super) fn doubt(self, outward: DVec2) -> f64 {
         match self {
             Self::Coverage => (outward.x.abs() + outward.y.abs()) / 510.0,
             Self::Whole | Self::Half => 0.02,
@@ -156,6 +156,13 @@ impl Observed {
             }
             _ => None,
         }
+    }
+
+    /// What a mask of 0 and 255 means, with its columns and rows; `None` without one.
+    pub(super) fn binary(&self) -> Option<(MaskBorder, usize, usize)> {
+        let (border, levels) = self.mask.as_ref()?;
+        let binary = matches!(border, MaskBorder::Whole | MaskBorder::Half);
+        binary.then_some((*border, levels[0].width, levels[0].height))
     }
 
     /// Whether the mask says that the object covers most of a pixel; `None` without a mask.

@@ -12,15 +12,28 @@ use super::pose::{Step, UNKNOWNS};
 /// Degrees of freedom of the residuals' distribution.
 const FREEDOM: f64 = 3.0;
 
+/// How much a distance counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Certainty {
+    /// By Student's distribution about the scale of all.
+    Common,
+    /// By its own information, 1/pixel².
+    Information(f64),
+}
+
 /// A point of an outline and the border found for it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Match {
     /// From the model's outline to the border seen, pixels along the outward normal.
     pub(super) distance: f64,
+    /// How much it counts.
+    pub(super) certainty: Certainty,
     /// Standard deviation of what all distances may be off by together, pixels.
     pub(super) doubt: f64,
     /// Pixels of outline that it stands for.
     pub(super) length: f64,
+    /// Whether nothing of the object is behind.
+    pub(super) outer: bool,
     /// Derivatives of the outline's place along the normal.
     pub(super) slopes: Step,
     /// The same by the frame's angle.
@@ -90,6 +103,24 @@ pub(super) enum Kind {
 }
 
 impl Match {
+    /// Weight, 1/pixel.
+    fn weight(&self, scale: f64) -> f64 {
+        self.length
+            * match self.certainty {
+                Certainty::Common => weight(self.distance, scale),
+                Certainty::Information(information) => information,
+            }
+    }
+
+    /// How much a robust sum changes with the distance, relative to least squares.
+    fn bend(&self, scale: f64) -> f64 {
+        let (near, far) = (FREEDOM * scale * scale, self.distance * self.distance);
+        match self.certainty {
+            Certainty::Common => (near - far) / (near + far),
+            Certainty::Information(_) => 1.0,
+        }
+    }
+
     fn slopes_of(&self, kind: Kind) -> (&Step, f64) {
         match kind {
             Kind::Outline => (&self.slopes, self.angle_slope),
@@ -111,7 +142,7 @@ impl Equations {
                 right: 0.0,
             };
             for m in matches {
-                let w = m.length * weight(m.distance, scale);
+                let w = m.weight(scale);
                 let (slopes, angle) = m.slopes_of(kind);
                 for (i, slope) in slopes.iter().enumerate() {
                     let weighted = w * slope;
@@ -203,15 +234,14 @@ impl Equations {
             };
             let mut scores: BTreeMap<(i32, i32), Step> = BTreeMap::new();
             for m in matches {
-                let w = m.length * weight(m.distance, scale);
+                let w = m.weight(scale);
                 let score = scores.entry(m.tile).or_insert([0.0; UNKNOWNS]);
                 for (i, s) in score.iter_mut().enumerate() {
                     let slope = m.slopes[i] - m.angle_slope * taken * sums.mixed[i];
                     *s += w * m.distance * slope;
                     together[i] += w * m.doubt * slope;
                 }
-                let (near, far) = (FREEDOM * scale * scale, m.distance * m.distance);
-                bend += w * (near - far) / (near + far);
+                bend += w * m.bend(scale);
                 total += w;
             }
             squares += scores.len();
@@ -240,14 +270,14 @@ impl Equations {
         let own = self.frames[number].own;
         let seen: f64 = matches
             .iter()
-            .map(|m| m.length * weight(m.distance, scale) * m.angle_slide * m.angle_slide)
+            .map(|m| m.weight(scale) * m.angle_slide * m.angle_slide)
             .sum();
         if own <= 0.0 || seen < SLIDING * own {
             return None;
         }
         let mut scores: BTreeMap<(i32, i32), f64> = BTreeMap::new();
         for m in matches {
-            let w = m.length * weight(m.distance, scale);
+            let w = m.weight(scale);
             *scores.entry(m.tile).or_insert(0.0) += w * m.distance * m.angle_slope;
         }
         let spread: f64 = scores.values().map(|score| score * score).sum();
@@ -405,7 +435,7 @@ mod tests {
                 let truth: Step = std::array::from_fn(|k| step[k]);
                 Match {
                     distance: dot(&common, &truth) + row[10] * angle,
-                    doubt: 0.0, length: 1.0, slopes: common, angle_slope: row[10],
+                    certainty: Certainty::Common, doubt: 0.0, length: 1.0, outer: true, slopes: common, angle_slope: row[10],
                     slides: common, angle_slide: row[10], tile: (i as i32, 0),
                 }
             }).collect()).collect();

@@ -21,6 +21,7 @@
 
 mod agreement;
 mod border;
+mod bounds;
 mod contour;
 mod equations;
 #[cfg(test)]

@@ -10,7 +10,7 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
-use super::equations::{Equations, Kind, Match, directions};
+use super::equations::{Certainty, Equations, Kind, Match, directions};
 use super::pose::{Placement, Pose, UNKNOWNS};
 use crate::geometry::Similarity;
 use crate::rig::Camera;
@@ -258,6 +258,8 @@ impl Search<'_> {
                 let (common, angle_slope) = slopes.along(placed, gradient);
                 matches.push(Match {
                     distance,
+                    certainty: Certainty::Common,
+                    outer: true,
                     doubt: 0.0,
                     length: 1.0,
                     slopes: common,

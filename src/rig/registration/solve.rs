@@ -3,9 +3,12 @@
 use rayon::prelude::*;
 
 use super::border::{COARSEST, Observed};
+use super::bounds::{Bound, bounds, width};
 use super::contour::{ContourPoint, Contours};
-use super::equations::{Directions, Equations, Kind, Match, directions, dot, scale, tile};
-use super::pose::{Placement, Pose, Step, UNKNOWNS};
+use super::equations::{
+    Certainty, Directions, Equations, Kind, Match, directions, dot, scale, tile,
+};
+use super::pose::{Placement, Pose, Slopes, Step, UNKNOWNS};
 use super::{FrameAgreement, OutlinePoint, Registered, RegistrationError, Settings, Stop, sigmas};
 use crate::accel::Accel;
 use crate::mesh::Mesh;
@@ -40,6 +43,8 @@ const LEAST_MATCHED: f64 = 0.25;
 struct FrameMatches {
     points: Vec<(ContourPoint, Option<f64>)>,
     matches: Vec<Match>,
+    /// The matches that count at the end: bounds where the mask has no shares, and what has none.
+    finest: Vec<Match>,
 }
 
 /// The parts that stand still during a search.
@@ -83,25 +88,11 @@ pub fn register(
     let mut rounds = 0;
     let mut stop = Stop::IterationLimit;
     for level in (0..=search.coarsest_level()).rev() {
-        stop = Stop::IterationLimit;
-        for round in 0..ROUNDS {
-            // Match, part the unknowns, step.
-            let frames = search.matches(&pose, level)?;
-            let (equations, scale) = search.equations(&frames, level);
-            let directions = search.directions(&frames, scale);
-            // Where the matches keep changing, shorter steps settle.
-            let share = if round < 15 { 1.0 } else { 0.5 };
-            let (step, angles) =
-                equations.solve(&directions.known, if level > 0 { 1e-3 } else { 0.0 });
-            let (step, angles) = limited(&step, &angles, share);
-            let motion = motion(&frames, &step, &angles);
-            pose = pose.stepped(&step, &angles);
-            rounds += 1;
-            if motion < STILL * (1u64 << level) as f64 {
-                stop = Stop::Converged;
-                break;
-            }
-        }
+        (pose, stop) = search.level(pose, level, false, &mut rounds)?;
+    }
+    // Distances read off masks of 0 and 255 lead here; what the pixels bound is sharper.
+    if observed.iter().any(|frame| frame.binary().is_some()) {
+        (pose, stop) = search.level(pose, 0, true, &mut rounds)?;
     }
     search.result(start, pose, rounds, stop)
 }
@@ -128,9 +119,42 @@ impl Search<'_> {
         level
     }
 
-    /// Outlines of all frames with the borders that they find.
-    fn matches(&self, pose: &Pose, level: usize) -> Result<Vec<FrameMatches>, RegistrationError> {
-        let frames: Vec<FrameMatches> = (0..self.observed.len())
+    /// Matches and steps at one level in turns.
+    fn level(
+        &self,
+        mut pose: Pose,
+        level: usize,
+        finest: bool,
+        rounds: &mut usize,
+    ) -> Result<(Pose, Stop), RegistrationError> {
+        for round in 0..ROUNDS {
+            // Match, part the unknowns, step.
+            let frames = self.matches(&pose, level, finest)?;
+            let (equations, scale) = self.equations(&frames, level);
+            let directions = self.directions(&frames, scale);
+            // Where the matches keep changing, shorter steps settle.
+            let share = if round < 15 { 1.0 } else { 0.5 };
+            let (step, angles) =
+                equations.solve(&directions.known, if level > 0 { 1e-3 } else { 0.0 });
+            let (step, angles) = limited(&step, &angles, share);
+            let motion = motion(&frames, &step, &angles);
+            pose = pose.stepped(&step, &angles);
+            *rounds += 1;
+            if motion < STILL * (1u64 << level) as f64 {
+                return Ok((pose, Stop::Converged));
+            }
+        }
+        Ok((pose, Stop::IterationLimit))
+    }
+
+    /// Outlines of all frames with the borders that they find, and with the bounds of their masks if asked.
+    fn matches(
+        &self,
+        pose: &Pose,
+        level: usize,
+        finest: bool,
+    ) -> Result<Vec<FrameMatches>, RegistrationError> {
+        let mut frames: Vec<FrameMatches> = (0..self.observed.len())
             .into_par_iter()
             .map(|frame| self.matches_of(pose, frame, level))
             .collect();
@@ -146,7 +170,67 @@ impl Search<'_> {
                 reach: REACH * (1u64 << level) as f64,
             });
         }
+        if finest {
+            self.bound(pose, &mut frames);
+        }
         Ok(frames)
+    }
+
+    /// Adds what the pixels of masks of 0 and 255 bound.
+    fn bound(&self, pose: &Pose, frames: &mut [FrameMatches]) {
+        let all: Vec<Vec<Bound>> = (frames.par_iter().zip(self.observed))
+            .map(|(frame, observed)| {
+                let points: Vec<ContourPoint> = frame.points.iter().map(|(p, _)| *p).collect();
+                bounds(observed, &points)
+            })
+            .collect();
+        let width = width(&all);
+        let each = frames.par_iter_mut().zip(all).zip(self.observed);
+        each.enumerate()
+            .for_each(|(number, ((frame, bounds), observed))| {
+                let slopes = pose.slopes(number);
+                frame.finest = match observed.binary() {
+                    Some(_) => (frame.matches.iter().filter(|m| !m.outer).copied()).collect(),
+                    None => frame.matches.clone(),
+                };
+                frame.finest.extend(bounds.iter().filter_map(|bound| {
+                    let (point, _) = &frame.points[bound.point];
+                    let (distance, certainty) = bound.working(width);
+                    let (border, ..) = observed.binary()?;
+                    Some(Match {
+                        distance,
+                        certainty,
+                        doubt: border.doubt(point.outward),
+                        length: 1.0,
+                        ..self.sensitivity(pose, &slopes, point)?
+                    })
+                }));
+            });
+    }
+
+    /// How a point of the outline moves along its normal with the unknowns.
+    fn sensitivity(&self, pose: &Pose, slopes: &Slopes, point: &ContourPoint) -> Option<Match> {
+        let placed_from_mesh = pose.placed_from_mesh();
+        let placed = placed_from_mesh.transform_point3(point.position.as_dvec3());
+        let (_, [of_x, of_y]) = self.camera.project_with_slopes(slopes.world(placed))?;
+        let gradient = point.outward.x * of_x + point.outward.y * of_y;
+        let (common, angle) = slopes.along(placed, gradient);
+        let normal = placed_from_mesh
+            .transform_vector3(point.normal.as_dvec3())
+            .normalize_or_zero();
+        let (slides, angle_slide) = slopes.along(placed, gradient.length() * slopes.turned(normal));
+        Some(Match {
+            distance: 0.0,
+            certainty: Certainty::Common,
+            doubt: 0.0,
+            length: point.length,
+            outer: point.outer,
+            slopes: common,
+            angle_slope: angle,
+            slides,
+            angle_slide,
+            tile: tile(point.pixel, self.size()),
+        })
     }
 
     fn matches_of(&self, pose: &Pose, frame: usize, level: usize) -> FrameMatches {
@@ -156,10 +240,10 @@ impl Search<'_> {
         let inner = self.settings.inner && observed.has_photograph();
         let points = self.contours.of_view(&view, self.size(), pixels, inner);
         let slopes = pose.slopes(frame);
-        let placed_from_mesh = pose.placed_from_mesh();
         let mut matched = FrameMatches {
             points: Vec::with_capacity(points.len()),
             matches: Vec::with_capacity(points.len()),
+            finest: Vec::new(),
         };
         for point in points {
             let found = observed.border(
@@ -172,28 +256,14 @@ impl Search<'_> {
             matched
                 .points
                 .push((point, found.map(|border| border.distance)));
-            let placed = placed_from_mesh.transform_point3(point.position.as_dvec3());
-            let projected = self.camera.project_with_slopes(slopes.world(placed));
-            let (Some(border), Some((_, [of_x, of_y]))) = (found, projected) else {
-                continue;
-            };
-            let gradient = point.outward.x * of_x + point.outward.y * of_y;
-            let (common, angle) = slopes.along(placed, gradient);
-            let normal = placed_from_mesh
-                .transform_vector3(point.normal.as_dvec3())
-                .normalize_or_zero();
-            let (slides, angle_slide) =
-                slopes.along(placed, gradient.length() * slopes.turned(normal));
-            matched.matches.push(Match {
-                distance: border.distance,
-                doubt: border.doubt,
-                length: point.length,
-                slopes: common,
-                angle_slope: angle,
-                slides,
-                angle_slide,
-                tile: tile(point.pixel, self.size()),
-            });
+            let moves = self.sensitivity(pose, &slopes, &point);
+            if let (Some(border), Some(moves)) = (found, moves) {
+                matched.matches.push(Match {
+                    distance: border.distance,
+                    doubt: border.doubt,
+                    ..moves
+                });
+            }
         }
         matched
     }
@@ -202,13 +272,18 @@ impl Search<'_> {
         // A thousandth of a pixel is beyond what any mask tells.
         let matches: Vec<Vec<Match>> = frames.iter().map(|f| f.matches.clone()).collect();
         let scale = scale(&matches, 1e-3 * (1u64 << level) as f64);
-        let equations = Equations::new(&matches, scale, self.settings.angles, Kind::Outline);
+        let counting = counting(frames);
+        let equations = Equations::new(&counting, scale, self.settings.angles, Kind::Outline);
         (equations, scale)
     }
 
     fn directions(&self, frames: &[FrameMatches], scale: f64) -> Directions {
-        let matches: Vec<Vec<Match>> = frames.iter().map(|f| f.matches.clone()).collect();
-        let surface = Equations::new(&matches, scale, self.settings.angles, Kind::Surface);
+        let surface = Equations::new(
+            &counting(frames),
+            scale,
+            self.settings.angles,
+            Kind::Surface,
+        );
         directions(&surface.normal, &self.free, LEAST_SHARE, LARGEST_SIGMA)
     }
 
@@ -220,7 +295,7 @@ impl Search<'_> {
         rounds: usize,
         stop: Stop,
     ) -> Result<Registered, RegistrationError> {
-        let frames = self.matches(&pose, 0)?;
+        let frames = self.matches(&pose, 0, true)?;
         let (equations, scale) = self.equations(&frames, 0);
         let directions = self.directions(&frames, scale);
         let unknown: Vec<String> = directions
@@ -231,12 +306,11 @@ impl Search<'_> {
         if !unknown.is_empty() && !self.settings.keep_unknown {
             return Err(RegistrationError::Undetermined { unknown });
         }
-        let matches: Vec<Vec<Match>> = frames.iter().map(|f| f.matches.clone()).collect();
-        let covariance = equations.covariance(&matches, scale, &directions.known);
+        let covariance = equations.covariance(&counting(&frames), scale, &directions.known);
         let sigma = sigmas::sigmas(&covariance, &directions.unknown, &self.free, &pose);
         let agreement = (frames.into_iter().enumerate())
             .map(|(number, frame)| {
-                let angle = equations.angle_of(number, &frame.matches, scale);
+                let angle = equations.angle_of(number, frame.counting(), scale);
                 self.agreement(&pose, number, frame, angle)
             })
             .collect();
@@ -293,6 +367,20 @@ impl Search<'_> {
     }
 }
 
+impl FrameMatches {
+    fn counting(&self) -> &[Match] {
+        if self.finest.is_empty() {
+            &self.matches
+        } else {
+            &self.finest
+        }
+    }
+}
+
+fn counting(frames: &[FrameMatches]) -> Vec<Vec<Match>> {
+    frames.iter().map(|f| f.counting().to_vec()).collect()
+}
+
 /// A step no longer than a fifth of a radian or of the size in any unknown, times `share`.
 fn limited(step: &Step, angles: &[f64], share: f64) -> (Step, Vec<f64>) {
     const LONGEST: f64 = 0.2;
@@ -316,7 +404,7 @@ fn limited(step: &Step, angles: &[f64], share: f64) -> (Step, Vec<f64>) {
 fn motion(frames: &[FrameMatches], step: &Step, angles: &[f64]) -> f64 {
     let (mut square, mut length) = (0.0, 0.0);
     for (frame, angle) in frames.iter().zip(angles) {
-        for m in &frame.matches {
+        for m in frame.counting() {
             let moved = dot(&m.slopes, step) + m.angle_slope * angle;
             square += m.length * moved * moved;
             length += m.length;
