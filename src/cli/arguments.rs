@@ -195,7 +195,8 @@ pub(super) struct FitChoices {
     #[arg(long, value_enum, default_value = "none")]
     pub(super) pool: PoolName,
     /// Fresnel term: `eta=X`, exact dielectric of index X; `schlick`, with F0 by channel and F90, for
-    /// metals; `auto`, a dielectric of index 1.3 or Schlick's by the evidence of all points.
+    /// metals; `auto`, by the evidence of all points: a dielectric of index 1.3 to 1.8, or
+    /// Schlick's, neutral or RGB.
     #[arg(long, default_value = "eta=1.3", value_parser = fresnel)]
     pub(super) fresnel: FresnelModel,
     /// Surface points: `vertices`, or `texels=N` for an N × N map (the mesh needs UVs).
@@ -347,7 +348,7 @@ fn frame_range(text: &str) -> Result<Range<usize>, String> {
 fn fresnel(text: &str) -> Result<FresnelModel, String> {
     match (text, text.strip_prefix("eta=").map(str::parse::<f32>)) {
         ("schlick", _) => Ok(FresnelModel::Schlick),
-        ("auto", _) => Ok(FresnelModel::Auto { eta: 1.3 }),
+        ("auto", _) => Ok(FresnelModel::Auto),
         (_, Some(Ok(eta))) if eta > 1.0 && eta <= 4.0 => Ok(FresnelModel::Dielectric { eta }),
         _ => Err(
             "must be eta=X with X above 1 and at most 4, such as eta=1.3, or schlick, or auto"

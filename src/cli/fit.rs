@@ -35,6 +35,33 @@ struct Record {
     fit: FitStats,
     status: StatusCounts,
     reason: ReasonCounts,
+    /// Fresnel terms of the converged points, the commonest first.
+    fresnel: Vec<FresnelCount>,
+}
+
+/// Converged points of one Fresnel term.
+#[derive(Serialize)]
+struct FresnelCount {
+    /// Index of refraction of a dielectric; absent where the term is Schlick's.
+    eta: Option<f32>,
+    points: usize,
+}
+
+impl FresnelCount {
+    fn of(estimates: &[Estimate]) -> Vec<Self> {
+        let mut counts: Vec<Self> = Vec::new();
+        for estimate in estimates.iter().filter(|e| e.status == Status::Converged) {
+            match counts.iter_mut().find(|count| count.eta == estimate.eta) {
+                Some(count) => count.points += 1,
+                None => counts.push(Self {
+                    eta: estimate.eta,
+                    points: 1,
+                }),
+            }
+        }
+        counts.sort_by_key(|count| std::cmp::Reverse(count.points));
+        counts
+    }
 }
 
 /// Seconds, wall clock.
@@ -240,6 +267,7 @@ pub(super) fn fit_capture(
         traces: trace_stats,
         fit: fitted.stats,
         reason: ReasonCounts::of(estimates),
+        fresnel: FresnelCount::of(estimates),
         status,
     };
     let text = toml::to_string(&record).map_err(anyhow::Error::from)?;
@@ -301,6 +329,7 @@ fn table(mesh: &Mesh, points: &[SurfacePoint], estimates: &[Estimate]) -> PointT
         rho_s: vector(&|e| e.rho_s),
         f90: number(&|e| e.f90.unwrap_or(1.0)),
         fresnel: integer(&|e| i32::from(e.f90.is_some())),
+        eta: number(&|e| e.eta.unwrap_or(f32::NAN)),
         alpha: number(&|e| e.alpha),
         ndf: integer(&|e| e.ndf as i32),
         sigma_rho_d: vector(&|e| e.sigma_rho_d),

@@ -42,7 +42,7 @@ pub(super) struct Columns {
     /// `T_d`, linear RGB.
     pub(super) diffuse: Vec<Vec3>,
     /// `T_s`, `[ndf][basis]`, each `[observation · ROUGHNESSES + k]`, linear RGB.
-    specular: [[Vec<Vec3>; 3]; 2],
+    specular: [[Vec<Vec3>; 4]; 2],
     /// `[observations]` variance of the normal over the pixel's patch, radian² per axis.
     normal_variance: Vec<f32>,
     /// Terms of the specular model, by column.

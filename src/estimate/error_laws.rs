@@ -34,7 +34,8 @@ fn measured_noise(points: &[(Material, Point)], settings: &FitSettings) -> Noise
         .par_iter()
         .step_by(points.len().div_ceil(512))
         .map(|(_, point)| {
-            let candidates = full::estimate(&point.trace, &point.columns, settings, &first);
+            let candidates =
+                full::estimate(&point.trace, &point.columns, &settings.models(), &first);
             full::residuals(
                 &point.trace,
                 &point.columns,
@@ -50,6 +51,7 @@ fn bound(material: &Material, point: &Point, noise: &NoiseModel) -> Vec<f64> {
     let model = Model {
         ndf: material.ndf,
         form: material.form,
+        eta: Some(1.3),
     };
     let weights = vec![1.0; point.trace.observations.len()];
     let table = Objective::new(&problem, model, weights).table_with(&ActiveBounds::new());
@@ -84,7 +86,7 @@ fn fitted(each: u32, tweak: &(dyn Fn(&mut Point) + Sync)) -> Vec<Fitted> {
     let noise = measured_noise(&points, settings);
     let candidates: Vec<_> = points
         .par_iter()
-        .map(|(_, point)| full::estimate(&point.trace, &point.columns, settings, &noise))
+        .map(|(_, point)| full::estimate(&point.trace, &point.columns, &settings.models(), &noise))
         .collect();
     let shares = Shares::of(&settings.models(), candidates.iter().map(Vec::as_slice));
     points

@@ -7,12 +7,14 @@ use serde::Serialize;
 use super::columns::{Columns, ForwardModel, Scratch};
 use super::gloss::Gloss;
 use super::interreflection::{self, Glow};
-use super::lobe_form::LobeForm;
 use super::model_choice::Shares;
 use super::noise::NoiseModel;
 use super::pooling::{self, PointProfile};
+use super::problem::Model;
 use super::visibility::Visibility;
-use super::{Estimate, Estimator, FitSettings, Pooling, Status, appearance, full, gradient};
+use super::{
+    Estimate, Estimator, FitSettings, Pooling, Status, appearance, full, gradient, refraction,
+};
 use crate::accel::Accel;
 use crate::brdf::Appearance;
 use crate::probe::SplitLight;
@@ -205,7 +207,7 @@ fn fit_in_full(
             .for_each_init(memory, |(scratch, columns), (index, first)| {
                 let trace = &nearest[index];
                 coarse.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
-                let candidates = full::estimate(trace, columns, settings, &noise);
+                let candidates = full::estimate(trace, columns, &models, &noise);
                 let choice = even.choose(&candidates);
                 let residuals = full::residuals(trace, columns, choice.candidate);
                 *first = (choice.estimate, residuals);
@@ -222,18 +224,21 @@ fn fit_in_full(
 
     // The noise that counts is that of the full model.
     let sample = traces.traces.len().div_ceil(NOISE_SAMPLE).max(1);
-    let residuals: Vec<Vec<Vec3>> = traces
+    let (residuals, sampled): (Vec<Vec<Vec3>>, Vec<Vec<full::Candidate>>) = traces
         .traces
         .par_iter()
         .zip(&visibilities)
         .step_by(sample)
         .map_init(memory, |(scratch, columns), (trace, visibility)| {
             model.columns(trace, visibility, glow.as_ref(), scratch, columns);
-            let candidates = full::estimate(trace, columns, settings, &noise);
-            full::residuals(trace, columns, even.choose(&candidates).candidate)
+            let candidates = full::estimate(trace, columns, &models, &noise);
+            let residuals = full::residuals(trace, columns, even.choose(&candidates).candidate);
+            (residuals, candidates)
         })
-        .collect();
+        .unzip();
     noise = NoiseModel::of_residuals(&residuals.concat(), traces.noise_is_known);
+    let further = refraction::between(&models, sampled.iter().map(Vec::as_slice));
+    let models = Model::with_dielectrics(&models, &further);
     stats.observations += observations(traces.traces.iter().step_by(sample));
 
     // All observations, once, in that light.
@@ -246,7 +251,7 @@ fn fit_in_full(
         .map_init(memory, |(scratch, columns), (trace, visibility)| {
             model.columns(trace, visibility, glow.as_ref(), scratch, columns);
             on_points(1);
-            let mut candidates = full::estimate(trace, columns, settings, &noise);
+            let mut candidates = full::estimate(trace, columns, &models, &noise);
             if !pooled {
                 candidates.iter_mut().for_each(|c| c.table = None);
             }
@@ -264,7 +269,7 @@ fn fit_in_full(
 
     // Points without a lobe of their own get another, and an albedo that goes with it.
     // An object is rendered under the Fresnel term of most of its points.
-    let eta = shares.commonest_fresnel(settings.fresnel);
+    let (form, eta) = shares.commonest_fresnel();
     let alike: Vec<Estimate> = estimates.iter().map(|e| e.under(eta)).collect();
     let mut appearance = appearance::lobes(&alike, neighbours);
     stats.borrowed = count(estimates.iter(), |e| !e.lobe_is_known());
@@ -277,11 +282,6 @@ fn fit_in_full(
             }
             let (trace, look) = (&nearest[index], &appearance[index]);
             coarse.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
-            let form = if eta.is_some() {
-                LobeForm::Rgb
-            } else {
-                LobeForm::Schlick
-            };
             full::diffuse_beside(trace, columns, &noise, look, form)
         })
         .collect();

@@ -38,16 +38,16 @@ pub(super) struct Candidate {
 pub(super) fn estimate(
     trace: &Trace,
     columns: &Columns,
-    settings: &FitSettings,
+    models: &[Model],
     noise: &NoiseModel,
 ) -> Vec<Candidate> {
     let frames = trace.frames();
-    let models = settings.models();
     let without = |status, reason| {
         vec![Candidate {
             model: models[0],
             estimate: Estimate {
                 reason,
+                eta: models[0].eta,
                 ..Estimate::without_data(status, frames)
             },
             ln_likelihood: 0.0,
@@ -92,7 +92,12 @@ impl FitSettings {
         let models = Ndf::ALL
             .into_iter()
             .filter(|&ndf| self.ndf.is_none_or(|n| n == ndf))
-            .flat_map(|ndf| forms.iter().map(move |&form| Model { ndf, form }));
+            .flat_map(|ndf| forms.iter().map(move |&form| (ndf, form)))
+            .map(|(ndf, form)| Model {
+                ndf,
+                form,
+                eta: form.eta(self.fresnel),
+            });
         models.collect()
     }
 }
@@ -111,7 +116,7 @@ pub(super) fn residuals(trace: &Trace, columns: &Columns, candidate: &Candidate)
     let stretch = (samples / (samples - unknowns)).sqrt();
     let form = candidate.model.form;
     let jacobian = form.jacobian(columns, estimate.ndf, estimate.alpha.ln());
-    let lobe = form.parameters(estimate);
+    let lobe = form.parameters(estimate.rho_s, estimate.f90);
     let mut residuals = Vec::with_capacity(observations);
     for (i, observation) in trace.observations.iter().enumerate() {
         let specular: DVec3 = jacobian[i * form.size()..]
@@ -138,16 +143,17 @@ pub(super) fn diffuse_beside(
     form: LobeForm,
 ) -> Option<Vec3> {
     let (ndf, ln_alpha) = (look.ndf(), look.alpha.ln());
-    let mut parameters = form.of_rho_s(look.rho_s);
-    if form == LobeForm::Schlick {
-        parameters[3] = f64::from(look.f90);
-    }
+    let parameters = form.parameters(look.rho_s, Some(look.f90));
     let problem = Problem::new(trace, columns, noise);
     let none = ActiveBounds::new();
     let precisions = problem.precisions(&none);
     let mut weights = vec![1.0; precisions.len()];
     let mut known = None;
-    let model = Model { ndf, form };
+    let model = Model {
+        ndf,
+        form,
+        eta: None,
+    };
     let m = form.size();
     for _ in 0..ROUNDS {
         let mut normal = Normal {
@@ -284,7 +290,7 @@ impl<'p, 'a> Minimum<'p, 'a> {
 
     /// Estimate, error bars and verdict; and the sums at its weights, over the scale.
     fn conclude(&self) -> (Estimate, NormalTable) {
-        let Model { ndf, form } = self.objective.model;
+        let model = self.objective.model;
         let problem = self.objective.problem;
         let spread = self.scale * problem.noise.spread();
         let table = self.objective.table_with(&self.solution.active);
@@ -295,9 +301,11 @@ impl<'p, 'a> Minimum<'p, 'a> {
         let mut estimate = Estimate {
             rho_d: self.solution.rho_d.as_vec3(),
             alpha,
-            ndf,
             sigma_rho_d: deviations.rho_d,
-            sigma_rho_s: deviations.lobe.iter().take(3).copied().fold(0.0, f64::max) as f32,
+            sigma_rho_s: deviations.lobe[..model.form.albedos()]
+                .iter()
+                .copied()
+                .fold(0.0, f64::max) as f32,
             sigma_alpha: alpha * deviations.ln_alpha as f32,
             frames: problem.trace.frames(),
             residual: self.relative_residual(),
@@ -307,7 +315,7 @@ impl<'p, 'a> Minimum<'p, 'a> {
             second_evidence: second_evidence as f32,
             ..Estimate::without_data(status, 0)
         };
-        form.put(&self.solution.lobe, &mut estimate);
+        model.put(&self.solution.lobe, &mut estimate);
         (estimate, table.scaled(1.0 / spread))
     }
 

@@ -89,6 +89,7 @@ pub(super) fn estimate(trace: &Trace, columns: &Columns, settings: &FitSettings)
     Estimate {
         rho_d: DVec3::new(x[0], x[1], x[2]).as_vec3(),
         rho_s: Vec3::splat(x[3] as f32),
+        eta: settings.fresnel.eta(),
         alpha: ln_alpha.exp(),
         ndf,
         residual: if normal.yy > 0.0 {

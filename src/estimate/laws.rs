@@ -308,7 +308,7 @@ fn synthetic(material: (Ndf, f32, f32), colour: Vec3) -> (Trace, Columns) {
 fn best(trace: &Trace, columns: &Columns) -> super::Estimate {
     let noise = NoiseModel::independent(false);
     let settings = super::FitSettings::default();
-    let candidates = full::estimate(trace, columns, &settings, &noise);
+    let candidates = full::estimate(trace, columns, &settings.models(), &noise);
     Shares::even(&settings.models())
         .choose(&candidates)
         .estimate

@@ -3,8 +3,8 @@
 use glam::{DVec3, Vec3};
 
 use super::columns::Columns;
-use super::fresnel_model::{Basis, FresnelModel};
-use super::{Estimate, FitSettings, SpecularColour};
+use super::fresnel_model::{Basis, DIELECTRICS, FresnelModel, TENTH};
+use super::{FitSettings, SpecularColour};
 use crate::brdf::Ndf;
 
 /// Largest number of a lobe's linear parameters.
@@ -17,14 +17,20 @@ pub(super) enum LobeForm {
     Neutral,
     /// `rho_s`, one a channel.
     Rgb,
+    /// `rho_s` of one of the [`DIELECTRICS`], one for all channels.
+    NeutralOf(usize),
+    /// The same, one a channel.
+    RgbOf(usize),
+    /// Schlick's Fresnel term: `F0`, one for all channels, and `F90`.
+    NeutralSchlick,
     /// Schlick's Fresnel term: `F0`, one a channel, and `F90`.
     Schlick,
 }
 
 /// What a parameter multiplies: a trace, in some channels.
 pub(super) struct Term {
-    /// Index into [`LobeForm::bases`].
-    pub(super) basis: usize,
+    /// Index into [`LobeForm::traces`].
+    pub(super) trace: usize,
     /// Channels it enters.
     pub(super) channels: [bool; 3],
 }
@@ -36,16 +42,19 @@ const EACH: [[bool; 3]; 3] = [
     [false, false, true],
 ];
 
-const fn term(basis: usize, channels: [bool; 3]) -> Term {
-    Term { basis, channels }
+const fn term(trace: usize, channels: [bool; 3]) -> Term {
+    Term { trace, channels }
 }
 
 impl LobeForm {
     /// What each parameter multiplies.
     pub(super) fn terms(self) -> &'static [Term] {
         match self {
-            Self::Neutral => &const { [term(0, ALL)] },
-            Self::Rgb => &const { [term(0, EACH[0]), term(0, EACH[1]), term(0, EACH[2])] },
+            Self::Neutral | Self::NeutralOf(_) => &const { [term(0, ALL)] },
+            Self::Rgb | Self::RgbOf(_) => {
+                &const { [term(0, EACH[0]), term(0, EACH[1]), term(0, EACH[2])] }
+            }
+            Self::NeutralSchlick => &const { [term(0, ALL), term(1, ALL)] },
             Self::Schlick => {
                 &const {
                     [
@@ -59,12 +68,29 @@ impl LobeForm {
         }
     }
 
-    /// The traces that the parameters multiply.
-    pub(super) fn bases(self) -> &'static [Basis] {
+    /// Number of traces that the parameters multiply.
+    pub(super) fn traces(self) -> usize {
+        1 + usize::from(self.is_schlick())
+    }
+
+    /// One of those traces, as a mix of the columns that are modelled.
+    fn mix(self, trace: usize) -> &'static [(Basis, f32)] {
         match self {
-            Self::Neutral | Self::Rgb => &[Basis::Dielectric],
-            Self::Schlick => &[Basis::Normal, Basis::Grazing],
+            Self::Neutral | Self::Rgb => &[(Basis::Dielectric, 1.0)],
+            Self::NeutralOf(k) | Self::RgbOf(k) => &DIELECTRICS[k].mix,
+            Self::NeutralSchlick | Self::Schlick if trace == 0 => &[(Basis::Normal, 1.0)],
+            Self::NeutralSchlick | Self::Schlick => &[(Basis::Grazing, 1.0)],
         }
+    }
+
+    /// Whether the parameters are those of Schlick's Fresnel term.
+    pub(super) fn is_schlick(self) -> bool {
+        matches!(self, Self::NeutralSchlick | Self::Schlick)
+    }
+
+    /// Number of parameters that are specular albedos, before `F90`.
+    pub(super) fn albedos(self) -> usize {
+        self.size() - usize::from(self.is_schlick())
     }
 
     /// Number of parameters.
@@ -77,11 +103,25 @@ impl LobeForm {
         self,
         columns: &Columns,
         ndf: Ndf,
-        basis: Basis,
+        trace: usize,
         ln_alpha: f32,
-        visit: impl FnMut(usize, Vec3, Vec3),
+        mut visit: impl FnMut(usize, Vec3, Vec3),
     ) {
-        columns.specular(ndf as usize, basis, ln_alpha, visit);
+        let mix = self.mix(trace);
+        if let [(basis, 1.0)] = mix {
+            columns.specular(ndf as usize, *basis, ln_alpha, visit);
+            return;
+        }
+        let mut sums = vec![(Vec3::ZERO, Vec3::ZERO); columns.diffuse.len()];
+        for (basis, weight) in mix {
+            columns.specular(ndf as usize, *basis, ln_alpha, |i, value, slope| {
+                sums[i].0 += *weight * value;
+                sums[i].1 += *weight * slope;
+            });
+        }
+        for (i, (value, slope)) in sums.into_iter().enumerate() {
+            visit(i, value, slope);
+        }
     }
 
     /// `[observations][parameters]` derivative of what is seen by each parameter.
@@ -99,14 +139,16 @@ impl LobeForm {
     ) -> Vec<DVec3> {
         let terms = self.terms();
         let mut jacobian = vec![DVec3::ZERO; observations.len() * terms.len()];
-        for (index, &basis) in self.bases().iter().enumerate() {
+        let mixes = (0..self.traces()).map(|trace| (trace, self.mix(trace)));
+        for (trace, (basis, weight)) in mixes.flat_map(|(t, mix)| mix.iter().map(move |m| (t, *m)))
+        {
             let mut rows = jacobian.chunks_exact_mut(terms.len());
             let chosen = observations.clone();
             columns.specular_of(chosen, ndf as usize, basis, ln_alpha, |_, value, _| {
                 let Some(row) = rows.next() else { return };
-                for (entry, term) in row.iter_mut().zip(terms).filter(|(_, t)| t.basis == index) {
+                for (entry, term) in row.iter_mut().zip(terms).filter(|(_, t)| t.trace == trace) {
                     for c in (0..3).filter(|&c| term.channels[c]) {
-                        entry[c] = f64::from(value[c]);
+                        entry[c] += f64::from(weight * value[c]);
                     }
                 }
             });
@@ -116,45 +158,72 @@ impl LobeForm {
 
     /// Those that the settings allow.
     pub(super) fn allowed(settings: &FitSettings) -> Vec<Self> {
-        let mut forms = match (settings.fresnel, settings.specular) {
-            (FresnelModel::Schlick, _) => Vec::new(),
-            (_, SpecularColour::Auto) => vec![Self::Neutral, Self::Rgb],
-            (_, SpecularColour::Neutral) => vec![Self::Neutral],
-            (_, SpecularColour::Rgb) => vec![Self::Rgb],
+        let neutral = settings.specular != SpecularColour::Rgb;
+        let coloured = settings.specular != SpecularColour::Neutral;
+        let dielectrics = |neutral_form: Self, coloured_form: Self| {
+            let forms = [(neutral, neutral_form), (coloured, coloured_form)];
+            forms
+                .into_iter()
+                .filter_map(|(is, form)| is.then_some(form))
         };
-        if !matches!(settings.fresnel, FresnelModel::Dielectric { .. }) {
-            forms.push(Self::Schlick);
+        match settings.fresnel {
+            FresnelModel::Dielectric { .. } => dielectrics(Self::Neutral, Self::Rgb).collect(),
+            FresnelModel::Schlick => vec![Self::Schlick],
+            FresnelModel::Auto => (0..DIELECTRICS.len())
+                .step_by(TENTH)
+                .flat_map(|k| dielectrics(Self::NeutralOf(k), Self::RgbOf(k)))
+                .chain([Self::NeutralSchlick, Self::Schlick])
+                .collect(),
         }
-        forms
     }
 
-    /// Writes parameters into an estimate.
-    pub(super) fn put(self, lobe: &[f64; MOST_PARAMETERS], estimate: &mut Estimate) {
-        estimate.rho_s = match self {
-            Self::Neutral => Vec3::splat(lobe[0] as f32),
-            Self::Rgb | Self::Schlick => DVec3::from_slice(lobe).as_vec3(),
-        };
-        estimate.f90 = match self {
-            Self::Neutral | Self::Rgb => None,
-            Self::Schlick => Some(lobe[3] as f32),
-        };
+    /// The same with another dielectric; none for another term.
+    pub(super) fn of_dielectric(self, number: usize) -> Option<Self> {
+        match self {
+            Self::NeutralOf(_) => Some(Self::NeutralOf(number)),
+            Self::RgbOf(_) => Some(Self::RgbOf(number)),
+            _ => None,
+        }
     }
 
-    /// The parameters that an estimate of this form has.
-    pub(super) fn parameters(self, estimate: &Estimate) -> [f64; MOST_PARAMETERS] {
-        let mut lobe = self.of_rho_s(estimate.rho_s);
-        if self == Self::Schlick {
-            lobe[3] = estimate.f90.map_or(0.0, f64::from);
+    /// Index of refraction; none where the term is Schlick's.
+    pub(super) fn eta(self, allowed: FresnelModel) -> Option<f32> {
+        match self {
+            Self::Neutral | Self::Rgb => allowed.eta(),
+            Self::NeutralOf(k) | Self::RgbOf(k) => Some(DIELECTRICS[k].eta),
+            Self::NeutralSchlick | Self::Schlick => None,
+        }
+    }
+
+    /// The same with an albedo a channel.
+    pub(super) fn coloured(self) -> Self {
+        match self {
+            Self::Neutral | Self::Rgb => Self::Rgb,
+            Self::NeutralOf(k) | Self::RgbOf(k) => Self::RgbOf(k),
+            Self::NeutralSchlick | Self::Schlick => Self::Schlick,
+        }
+    }
+
+    /// Specular albedo, and `F90` under Schlick's term, of parameters.
+    pub(super) fn values(self, lobe: &[f64; MOST_PARAMETERS]) -> (Vec3, Option<f32>) {
+        let rho_s = if self.albedos() == 1 {
+            Vec3::splat(lobe[0] as f32)
+        } else {
+            DVec3::from_slice(lobe).as_vec3()
+        };
+        let f90 = self.is_schlick().then(|| lobe[self.albedos()] as f32);
+        (rho_s, f90)
+    }
+
+    /// The parameters of a lobe of given specular albedo and `F90`.
+    pub(super) fn parameters(self, rho_s: Vec3, f90: Option<f32>) -> [f64; MOST_PARAMETERS] {
+        let mut lobe = [0.0; MOST_PARAMETERS];
+        for (value, albedo) in lobe[..self.albedos()].iter_mut().zip(rho_s.to_array()) {
+            *value = f64::from(albedo);
+        }
+        if self.is_schlick() {
+            lobe[self.albedos()] = f90.map_or(0.0, f64::from);
         }
         lobe
-    }
-
-    /// The parameters of a lobe of given specular albedo.
-    pub(super) fn of_rho_s(self, rho_s: Vec3) -> [f64; MOST_PARAMETERS] {
-        let rho_s = rho_s.as_dvec3();
-        match self {
-            Self::Neutral => [rho_s.x, 0.0, 0.0, 0.0],
-            Self::Rgb | Self::Schlick => [rho_s.x, rho_s.y, rho_s.z, 0.0],
-        }
     }
 }

@@ -31,6 +31,7 @@ mod normal_table;
 mod objective;
 mod pooling;
 mod problem;
+mod refraction;
 mod search;
 mod uncertainty;
 mod visibility;
@@ -218,6 +219,8 @@ pub struct Estimate {
     pub rho_s: Vec3,
     /// Schlick's reflectance at grazing; none under a dielectric's Fresnel term.
     pub f90: Option<f32>,
+    /// Index of refraction; none under Schlick's Fresnel term.
+    pub eta: Option<f32>,
     /// Roughness.
     pub alpha: f32,
     /// The NDF with the smaller residual.
@@ -254,6 +257,7 @@ impl Estimate {
             rho_d: Vec3::ZERO,
             rho_s: Vec3::ZERO,
             f90: None,
+            eta: Some(fresnel_model::PAPER_ETA),
             alpha: 1.0,
             ndf: Ndf::Ggx,
             sigma_rho_d: Vec3::INFINITY,

@@ -10,7 +10,6 @@
 //!
 //! A point of firm evidence is not moved: every π_m is at least 1/(N + M).
 
-use super::fresnel_model::FresnelModel;
 use super::full::Candidate;
 use super::lobe_form::LobeForm;
 use super::problem::Model;
@@ -75,14 +74,29 @@ impl Shares {
         models.filter(|model| Some(model.form) == form).collect()
     }
 
-    /// Index of refraction where most points are dielectrics, none where most follow Schlick's term.
-    pub(super) fn commonest_fresnel(&self, allowed: FresnelModel) -> Option<f32> {
-        let schlick = self
-            .models
-            .iter()
-            .filter(|(m, _)| m.form == LobeForm::Schlick);
-        let share: f64 = schlick.map(|(_, share)| share).sum();
-        allowed.eta().filter(|_| share < 0.5)
+    /// A coloured form of the Fresnel term that most points have, and its index of refraction: of
+    /// Schlick's term if half of the points follow it, else of the commonest dielectric.
+    pub(super) fn commonest_fresnel(&self) -> (LobeForm, Option<f32>) {
+        let share = |is: &dyn Fn(&Model) -> bool| -> f64 {
+            let those = self.models.iter().filter(|(model, _)| is(model));
+            those.map(|(_, share)| share).sum()
+        };
+        let schlick = share(&|m| m.form.is_schlick()) >= 0.5;
+        let mut most = f64::NEG_INFINITY;
+        let mut commonest = (LobeForm::Schlick, None);
+        for (model, _) in &self.models {
+            let same = share(&|m| m.eta == model.eta);
+            if model.form.is_schlick() == schlick && same > most {
+                (most, commonest) = (same, (model.form.coloured(), model.eta));
+            }
+        }
+        commonest
+    }
+
+    /// Probability of each candidate.
+    pub(super) fn posteriors_of(&self, candidates: &[Candidate]) -> Vec<f64> {
+        let scores: Vec<f64> = candidates.iter().map(score).collect();
+        self.posteriors(&scores)
     }
 
     /// Probability of each model, given its score.
@@ -148,16 +162,17 @@ fn conclude(candidates: &[Candidate], posteriors: &[f64], best: usize) -> Estima
         return estimate;
     }
     // Each parameter's variance: its own, and how far the others are away, by their probability.
-    // Lobes of another Fresnel term have albedos and roughnesses of another kind, and stay out.
+    // Lobes of Schlick's term and of a dielectric have albedos and roughnesses of different kinds, and
+    // stay out of each other's.
     let spread = |of: &dyn Fn(&Estimate) -> (f64, f64)| {
         let (centre, own) = of(&chosen.estimate);
         let mut variance = 0.0;
         for (candidate, posterior) in candidates.iter().zip(posteriors) {
-            let alike = candidate.estimate.f90.is_some() == chosen.estimate.f90.is_some();
-            let (value, sigma) = of(if alike {
-                &candidate.estimate
+            let alike = candidate.model.form.is_schlick() == chosen.model.form.is_schlick();
+            let (value, sigma) = of(&if alike {
+                candidate.estimate.under(chosen.model.eta)
             } else {
-                &chosen.estimate
+                chosen.estimate
             });
             variance += posterior
                 * if sigma.is_finite() {
@@ -199,7 +214,8 @@ mod tests {
 
     fn models() -> Vec<Model> {
         let form = LobeForm::Neutral;
-        Ndf::ALL.map(|ndf| Model { ndf, form }).to_vec()
+        let eta = Some(1.3);
+        Ndf::ALL.map(|ndf| Model { ndf, form, eta }).to_vec()
     }
 
     fn point(ln_ratio: f64) -> Vec<Candidate> {

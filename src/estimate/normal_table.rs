@@ -67,7 +67,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]) + tail
 }
 
-/// A node's traces: `[basis][channel][observation]`, and the same times precision, by pair.
+/// A node's traces: `[trace][channel][observation]`, and the same times precision, by pair.
 #[derive(Default)]
 struct NodeTraces {
     plain: Vec<[Vec<f64>; 3]>,
@@ -77,7 +77,7 @@ struct NodeTraces {
 impl NormalTable {
     /// Sums over a point's observations.
     pub(super) fn new(columns: &Columns, ndf: Ndf, form: LobeForm, samples: &Samples) -> Self {
-        let (terms, bases) = (form.terms(), form.bases());
+        let terms = form.terms();
         let m = terms.len();
         let mut diffuse = Normal {
             size: 3,
@@ -103,9 +103,9 @@ impl NormalTable {
             // The traces at this node, and weighed.
             let here = &mut ring[node % TAPS];
             here.plain.clear();
-            for basis in bases {
+            for trace in 0..form.traces() {
                 let mut plain: [Vec<f64>; 3] = Default::default();
-                form.visit(columns, ndf, *basis, roughness(node).ln(), |_, value, _| {
+                form.visit(columns, ndf, trace, roughness(node).ln(), |_, value, _| {
                     for (channel, value) in plain.iter_mut().zip(value.to_array()) {
                         channel.push(f64::from(value));
                     }
@@ -130,7 +130,7 @@ impl NormalTable {
                     if !term.channels[*d] {
                         continue;
                     }
-                    let weighted = &here.weighted[term.basis][pair];
+                    let weighted = &here.weighted[term.trace][pair];
                     table.lobe.b[node * m + l] += dot(&samples.observed[*c], weighted);
                     table.cross[(node * m + l) * 3 + c] += dot(&samples.diffuse[*c], weighted);
                 }
@@ -143,7 +143,7 @@ impl NormalTable {
                             let product = dot(&plain[*c], weighted);
                             for (j, first) in terms.iter().enumerate() {
                                 for (l, second) in terms.iter().enumerate() {
-                                    if (first.basis, second.basis) == (p, q)
+                                    if (first.trace, second.trace) == (p, q)
                                         && first.channels[*c]
                                         && second.channels[*d]
                                     {

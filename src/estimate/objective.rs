@@ -197,7 +197,7 @@ mod tests {
             let problem = Problem::new(&point.trace, &point.columns, &noise);
             prop_assume!(problem.samples() > 0);
             let form = if coloured { LobeForm::Rgb } else { LobeForm::Neutral };
-            let model = Model { ndf: Ndf::Ggx, form };
+            let model = Model { ndf: Ndf::Ggx, form, eta: Some(1.3) };
             let weights = vec![1.0; point.trace.observations.len()];
             let objective = Objective::new(&problem, model, weights);
             let solution = objective.solve(ln_alpha);

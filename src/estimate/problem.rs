@@ -2,7 +2,9 @@
 
 use glam::{BVec3, DMat3, DVec3};
 
+use super::Estimate;
 use super::columns::Columns;
+use super::fresnel_model::DIELECTRICS;
 use super::least_squares::UNKNOWNS;
 use super::lobe_form::{LobeForm, MOST_PARAMETERS};
 use super::noise::NoiseModel;
@@ -14,16 +16,42 @@ use crate::traces::Trace;
 const PRIOR_RESIDUALS: f64 = 6.0;
 
 /// An NDF and the linear parameters of its lobe.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Model {
     pub(super) ndf: Ndf,
     pub(super) form: LobeForm,
+    /// Index of refraction; none where the Fresnel term is Schlick's.
+    pub(super) eta: Option<f32>,
 }
 
 impl Model {
     /// Albedos and alpha.
     pub(super) fn unknowns(self) -> usize {
         3 + self.form.size() + 1
+    }
+
+    /// The models, and those that have one of further dielectrics in the place of another.
+    pub(super) fn with_dielectrics(models: &[Self], further: &[usize]) -> Vec<Self> {
+        let mut all = models.to_vec();
+        for number in further {
+            for model in models {
+                let form = model.form.of_dielectric(*number);
+                let other = form.map(|form| Self {
+                    form,
+                    eta: Some(DIELECTRICS[*number].eta),
+                    ..*model
+                });
+                all.extend(other.filter(|other| !all.contains(other)));
+            }
+        }
+        all
+    }
+
+    /// Writes the lobe's linear parameters into an estimate.
+    pub(super) fn put(self, lobe: &[f64; MOST_PARAMETERS], estimate: &mut Estimate) {
+        (estimate.rho_s, estimate.f90) = self.form.values(lobe);
+        estimate.eta = self.eta;
+        estimate.ndf = self.ndf;
     }
 }
 

@@ -15,7 +15,7 @@ const NOISE: f32 = 0.01;
 fn estimate(point: &Point) -> Estimate {
     let settings = FitSettings::default();
     let noise = NoiseModel::independent(true);
-    let candidates = full::estimate(&point.trace, &point.columns, &settings, &noise);
+    let candidates = full::estimate(&point.trace, &point.columns, &settings.models(), &noise);
     Shares::even(&settings.models())
         .choose(&candidates)
         .estimate

@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
 use super::columns::{Columns, ForwardModel, Scratch};
-use super::fresnel_model::FresnelModel;
+use super::fresnel_model::{FresnelModel, PAPER_ETA};
 use super::lobe_form::LobeForm;
 use super::visibility::Visibility;
 use crate::brdf::Ndf;
@@ -33,6 +33,8 @@ pub(super) struct Material {
     /// The lobe's linear parameters, of `form`.
     pub(super) lobe: [f64; 4],
     pub(super) form: LobeForm,
+    /// Index of refraction, where the Fresnel term is a dielectric's.
+    pub(super) eta: f32,
 }
 
 impl Material {
@@ -44,6 +46,7 @@ impl Material {
             rho_d: Vec3::new(0.4, 0.3, 0.2),
             lobe: [rho_s, 0.0, 0.0, 0.0],
             form: LobeForm::Neutral,
+            eta: PAPER_ETA,
         }
     }
 
@@ -57,6 +60,8 @@ impl Material {
 pub(super) struct Point {
     pub(super) trace: Trace,
     pub(super) columns: Arc<Columns>,
+    /// Under the material's own Fresnel term alone.
+    pub(super) own_columns: Arc<Columns>,
     exact: Vec<Vec3>,
 }
 
@@ -74,6 +79,7 @@ impl Point {
         Self {
             trace,
             columns: Arc::clone(&self.columns),
+            own_columns: Arc::clone(&self.own_columns),
             exact: self.exact.clone(),
         }
     }
@@ -165,9 +171,15 @@ impl Turntable {
             },
             observations: frames.filter_map(observe).collect(),
         };
-        let columns = self.columns(&trace);
+        let columns = Arc::new(self.columns(&trace, FresnelModel::Auto));
+        let own_columns = if material.eta == PAPER_ETA {
+            Arc::clone(&columns)
+        } else {
+            let eta = material.eta;
+            Arc::new(self.columns(&trace, FresnelModel::Dielectric { eta }))
+        };
         let form = material.form;
-        let jacobian = form.jacobian(&columns, material.ndf, material.alpha.ln());
+        let jacobian = form.jacobian(&own_columns, material.ndf, material.alpha.ln());
         let exact = (0..trace.observations.len()).map(|i| {
             let lobe = jacobian[i * form.size()..]
                 .iter()
@@ -178,15 +190,15 @@ impl Turntable {
         let exact = exact.collect();
         let clean = Point {
             trace,
-            columns: Arc::new(columns),
+            columns,
+            own_columns,
             exact,
         };
         clean.again(seed, noise)
     }
 
     /// The columns of a trace of an open point. Data and fit share them, so few nodes do.
-    fn columns(&self, trace: &Trace) -> Columns {
-        let fresnel = FresnelModel::Auto { eta: 1.3 };
+    fn columns(&self, trace: &Trace, fresnel: FresnelModel) -> Columns {
         let model = ForwardModel::new(&self.light, &self.world_from_object, fresnel, 192);
         let mut columns = Columns::default();
         let mut scratch = Scratch::default();

@@ -15,7 +15,7 @@
 use glam::{DMat3, Vec3};
 
 use super::columns::{ROUGHNESSES, roughness};
-use super::fresnel_model::PAPER_ETA;
+use super::fresnel_model::{DIELECTRICS, PAPER_ETA};
 use super::full::Minimum;
 use super::least_squares::{UNKNOWNS, inverse_diagonal};
 use super::lobe_form::LobeForm;
@@ -235,7 +235,11 @@ pub(super) fn verdict(
     }
     let unit = match minimum.objective.model.form {
         LobeForm::Neutral | LobeForm::Rgb => 1.0,
-        LobeForm::Schlick => f64::from(dielectric(1.0, PAPER_ETA)),
+        // As much reflectance as a unit has of the paper's index.
+        LobeForm::NeutralOf(k) | LobeForm::RgbOf(k) => {
+            f64::from(dielectric(1.0, PAPER_ETA) / dielectric(1.0, DIELECTRICS[k].eta))
+        }
+        LobeForm::NeutralSchlick | LobeForm::Schlick => f64::from(dielectric(1.0, PAPER_ETA)),
     };
     let sight = Sight::of(table, minimum.ln_alpha, spread / (unit * unit));
     let reason = if minimum.objective.problem.trace.frames() < FEWEST_FRAMES {

@@ -20,6 +20,8 @@ pub struct PointTable {
     pub f90: Vec<f32>,
     /// `[N]` 0 dielectric, 1 Schlick.
     pub fresnel: Vec<i32>,
+    /// `[N]` index of refraction where `fresnel` is 0, else NaN; NaN, too, in a file without it.
+    pub eta: Vec<f32>,
     /// `[N]` roughness.
     pub alpha: Vec<f32>,
     /// `[N]` 0 Beckmann, 1 GGX.
@@ -90,12 +92,13 @@ impl PointTable {
             arrays.integers("reason", &self.reason)?;
             arrays.integers("material", &self.material)?;
             arrays.integers("borrowed", &self.borrowed)?;
+            arrays.floats("eta", &self.eta)?;
             arrays.finish()
         })
     }
 
     /// Reads what [`PointTable::write_npz`] or `numpy.savez` wrote; further arrays are ignored. In files
-    /// of older versions, which lack the last six arrays, nothing is known of those.
+    /// of older versions, which lack the last seven arrays, nothing is known of those.
     ///
     /// # Errors
     /// An array is absent or has another type or shape, or the file is not a zip of arrays.
@@ -110,6 +113,7 @@ impl PointTable {
         let ndf_evidence = evidence("ndf_evidence")?;
         let second_alpha = evidence("second_alpha")?;
         let second_evidence = evidence("second_evidence")?;
+        let eta = evidence("eta")?;
         let mut code = |name, absent: i32| {
             let found = arrays.column_if_any(name)?;
             Ok::<_, ExportError>(found.unwrap_or_else(|| vec![absent; n]))
@@ -118,6 +122,7 @@ impl PointTable {
             ndf_evidence,
             second_alpha,
             second_evidence,
+            eta,
             reason: code("reason", 0)?,
             material: code("material", -1)?,
             borrowed: code("borrowed", 0)?,
@@ -148,6 +153,7 @@ impl PointTable {
             ("rho_s", self.rho_s.len()),
             ("f90", self.f90.len()),
             ("fresnel", self.fresnel.len()),
+            ("eta", self.eta.len()),
             ("alpha", self.alpha.len()),
             ("ndf", self.ndf.len()),
             ("sigma_rho_d", self.sigma_rho_d.len()),
@@ -194,6 +200,7 @@ mod tests {
             rho_s: rgb(4.0),
             f90: single(5.0),
             fresnel: codes(2),
+            eta: single(5.5),
             alpha: single(6.0),
             ndf: codes(3),
             sigma_rho_d: rgb(7.0),

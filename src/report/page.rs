@@ -90,6 +90,7 @@ pub(super) fn page(
         (reason_counts(table))
         h2 { "Parameters of the converged points" }
         (parameters(table))
+        (fresnel_counts(table))
         h2 { "Settings, counters, seconds" }
         @for (name, value) in record {
             @if let Some(section) = value.as_table() { (settings(name, section)) }
@@ -199,6 +200,28 @@ fn status_counts(table: &PointTable) -> Markup {
                     td { (count) }
                     td { (meaning) }
                 }
+            }
+        }
+    }
+}
+
+/// Fresnel terms of the converged points, with how many.
+fn fresnel_counts(table: &PointTable) -> Markup {
+    let converged = || (0..table.len()).filter(|&i| table.status[i] == 0);
+    let schlick = converged().filter(|&i| table.fresnel[i] == 1).count();
+    let mut indices: Vec<f32> = converged()
+        .filter(|&i| table.fresnel[i] == 0)
+        .map(|i| table.eta[i])
+        .filter(|eta| eta.is_finite())
+        .collect();
+    indices.sort_unstable_by(f32::total_cmp);
+    html! {
+        table {
+            @for same in indices.chunk_by(|a, b| a == b) {
+                tr { td { "dielectric of index " (same[0]) } td { (same.len()) } td { "converged points" } }
+            }
+            @if schlick > 0 {
+                tr { td { "Schlick's Fresnel term" } td { (schlick) } td { "converged points" } }
             }
         }
     }

@@ -374,6 +374,7 @@ pub(crate) fn points() -> Vec<Vec<u8>> {
         rho_d: vec![[0.4, 0.3, 0.2]; 4],
         rho_s: vec![[2.0; 3]; 4],
         f90: vec![1.0; 4],
+        eta: vec![1.3; 4],
         fresnel: vec![0; 4],
         alpha: vec![0.05, 0.1, 0.2, 0.4],
         ndf: vec![0, 1, 0, 1],

@@ -30,7 +30,7 @@ fn single(points: &[Point], settings: &FitSettings) -> (Vec<Option<PointProfile>
     let models = settings.models();
     let candidates: Vec<_> = points
         .par_iter()
-        .map(|point| full::estimate(&point.trace, &point.columns, settings, &noise))
+        .map(|point| full::estimate(&point.trace, &point.columns, &settings.models(), &noise))
         .collect();
     let shares = Shares::of(&models, candidates.iter().map(Vec::as_slice));
     let estimates = candidates.iter().map(|c| shares.choose(c).estimate);

@@ -82,7 +82,7 @@ impl PointProfile {
             }
         }
         let model = models[lobe.model];
-        model.form.put(&lobe.lobe, estimate);
+        model.put(&lobe.lobe, estimate);
         estimate.rho_d = rho_d.as_vec3();
         // A channel that no observation bears on has no variance.
         let known = beside.variance.cmpgt(glam::DVec3::ZERO);
@@ -90,9 +90,8 @@ impl PointProfile {
         let known = glam::BVec3::new(known.x, known.y, known.z);
         estimate.sigma_rho_d = glam::Vec3::select(known, sigma, estimate.sigma_rho_d);
         estimate.alpha = lobe.ln_alpha.exp() as f32;
-        estimate.ndf = model.ndf;
         estimate.sigma_alpha = estimate.alpha * lobe.sigma_ln_alpha as f32;
-        estimate.sigma_rho_s = lobe.sigma_lobe[..lobe.size.min(3)]
+        estimate.sigma_rho_s = lobe.sigma_lobe[..model.form.albedos()]
             .iter()
             .copied()
             .fold(0.0, f64::max) as f32;
