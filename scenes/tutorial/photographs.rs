@@ -21,6 +21,10 @@ fn main() -> anyhow::Result<()> {
     let scene = Scene::load(scenes.join("tutorial"))?;
     let light = RgbImage::read(&scene.probe.image)?;
     card::write(&folder, &light, &scene.camera)?;
-    println!("{}: written", folder.display());
+    println!(
+        "{}: written; centres of the chart's corner patches: {}",
+        folder.display(),
+        card::CHART_CORNERS
+    );
     Ok(())
 }

@@ -149,7 +149,18 @@ fn solve(groups: &[Vec<Sample>]) -> Result<Vec<f64>, MergeError> {
         }
     }
 
-    // Change of the slope in ln v; level 0 stands at half a level.
+    add_smoothness(&mut matrix, total);
+    // The scale is open: the middle level is 0.
+    matrix[MIDDLE * LEVELS + MIDDLE] += total;
+
+    cholesky(matrix, right).ok_or(MergeError::Data {
+        reason: "the exposures do not determine the response".to_owned(),
+        remedy: "give --response linear, srgb or a file",
+    })
+}
+
+/// Adds `λ Σ_k (D_k g)²` for data that weigh `total`: the change of the slope in ln v; level 0 stands at half a level.
+pub(super) fn add_smoothness(matrix: &mut [f64], total: f64) {
     let lambda = SMOOTHNESS * total / LEVELS as f64;
     let ln_v = |k: usize| (k as f64).max(0.5).ln();
     for k in 1..LEVELS - 1 {
@@ -165,11 +176,4 @@ fn solve(groups: &[Vec<Sample>]) -> Result<Vec<f64>, MergeError> {
             }
         }
     }
-    // The scale is open: the middle level is 0.
-    matrix[MIDDLE * LEVELS + MIDDLE] += total;
-
-    cholesky(matrix, right).ok_or(MergeError::Data {
-        reason: "the exposures do not determine the response".to_owned(),
-        remedy: "give --response linear, srgb or a file",
-    })
 }

@@ -67,7 +67,8 @@ pub(super) fn refine(
         shifts[from] = [0, 1].map(|i| shifts[to][i] + step[i]);
     }
     for shift in &mut shifts {
-        let nearest = shift.map(f64::round);
+        // No −0.
+        let nearest = shift.map(|s| s.round() + 0.0);
         if (0..2).all(|i| (shift[i] - nearest[i]).abs() < WHOLE) {
             *shift = nearest;
         }
@@ -250,7 +251,7 @@ fn step(edges: &[Edge]) -> Option<Step> {
         let scale = (1.4826 * *median).max(1e-4);
         let mut matrix = vec![0.0; 9];
         let mut right = vec![0.0; 3];
-        let mut spread = vec![0.0; 9];
+        let mut spread = [0.0; 9];
         for e in edges {
             let r = residual(e, &solution) / scale;
             let weight = 4.0 / (3.0 + r * r);
