@@ -180,10 +180,12 @@ pub(super) struct Fit {
 /// What a fit may choose.
 #[derive(Args, Clone, Debug)]
 pub(super) struct FitChoices {
-    /// `full`: variable projection with error bars; `gradient`: the paper's method.
+    /// `full`: variable projection with error bars; `gradient`: the paper's method; `unknown-light`: the
+    /// same, but the light is estimated, too, and of the probe only its mean radiance is used.
     #[arg(long, value_enum, default_value = "full")]
     pub(super) estimator: EstimatorName,
-    /// Lobe shape; `auto` tries both and keeps the smaller residual.
+    /// Lobe shape; `auto` tries both and keeps the smaller residual; `tabulated` does so and also writes a
+    /// density over the half angle without a formula to ndf.npz, best with `--pool material|object`.
     #[arg(long, value_enum, default_value = "auto")]
     pub(super) ndf: NdfName,
     /// Colour of the specular albedo: one value, one per channel, or whichever the evidence of all
@@ -217,13 +219,15 @@ pub(super) struct FitChoices {
 pub(super) enum EstimatorName {
     Full,
     Gradient,
+    UnknownLight,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum NdfName {
     Auto,
     Beckmann,
     Ggx,
+    Tabulated,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -15,9 +15,10 @@ use crate::accel::Accel;
 use crate::brdf::Ndf;
 use crate::estimate::{
     Estimate, Estimator, FitSettings, FitStats, FresnelModel, Pooling, Reason, SpecularColour,
-    Status, fit,
+    Status, TabulatedNdf, fit,
 };
-use crate::export::{FitFolder, PointTable};
+use crate::export::{FitFolder, NdfTable, PointTable};
+use crate::image::{RgbImage, write_exr};
 use crate::mesh::{Mesh, PointSet, SurfacePoint};
 use crate::probe::SplitLight;
 use crate::scene::Capture;
@@ -35,8 +36,19 @@ struct Record {
     fit: FitStats,
     status: StatusCounts,
     reason: ReasonCounts,
+    /// How the light was found; absent where it was known.
+    light: Option<LightRecord>,
     /// Fresnel terms of the converged points, the commonest first.
     fresnel: Vec<FresnelCount>,
+}
+
+/// How the light was found, `light.exr`.
+#[derive(Serialize)]
+struct LightRecord {
+    /// Turns of light and materials.
+    rounds: u32,
+    /// How much the last one changed the light, root mean square relative to its own.
+    change: f64,
 }
 
 /// Converged points of one Fresnel term.
@@ -133,10 +145,17 @@ pub(super) fn fit_capture(
     common: &Common,
 ) -> Result<(), Failure> {
     let settings = settings(choices);
-    if settings.estimator == Estimator::Gradient && settings.fresnel == FresnelModel::Schlick {
+    if settings.estimator != Estimator::Full && settings.fresnel == FresnelModel::Schlick {
         return Err(Failure::Input(anyhow::anyhow!(
-            "--fresnel schlick: the paper's gradient estimator knows only a dielectric; \
+            "--fresnel schlick: estimators by gradients know only a dielectric; \
              give --fresnel eta=1.3, or --estimator full"
+        )));
+    }
+
+    if settings.estimator != Estimator::Full && settings.tabulated {
+        return Err(Failure::Input(anyhow::anyhow!(
+            "--ndf tabulated: estimators by gradients know only Beckmann and GGX; \
+             give --ndf auto, or --estimator full"
         )));
     }
 
@@ -228,6 +247,15 @@ pub(super) fn fit_capture(
         eta: fitted.eta,
     };
     folder.write(out)?;
+    if let Some(tabulated) = &fitted.tabulated {
+        ndf_table(tabulated).write_npz(&out.join("ndf.npz"))?;
+    }
+    if let Some(light) = &fitted.light {
+        let image = RgbImage::from_fn(light.width, light.height, |x, y| {
+            light.radiance[y * light.width + x]
+        });
+        write_exr(&out.join("light.exr"), &image)?;
+    }
     let mut status = StatusCounts::default();
     for estimate in estimates {
         *match estimate.status {
@@ -267,6 +295,10 @@ pub(super) fn fit_capture(
         traces: trace_stats,
         fit: fitted.stats,
         reason: ReasonCounts::of(estimates),
+        light: fitted.light.as_ref().map(|light| LightRecord {
+            rounds: light.rounds,
+            change: light.change,
+        }),
         fresnel: FresnelCount::of(estimates),
         status,
     };
@@ -289,12 +321,14 @@ fn settings(choices: &FitChoices) -> FitSettings {
         estimator: match choices.estimator {
             EstimatorName::Full => Estimator::Full,
             EstimatorName::Gradient => Estimator::Gradient,
+            EstimatorName::UnknownLight => Estimator::UnknownLight,
         },
         ndf: match choices.ndf {
-            NdfName::Auto => None,
+            NdfName::Auto | NdfName::Tabulated => None,
             NdfName::Beckmann => Some(Ndf::Beckmann),
             NdfName::Ggx => Some(Ndf::Ggx),
         },
+        tabulated: choices.ndf == NdfName::Tabulated,
         specular: match choices.specular {
             SpecularName::Auto => SpecularColour::Auto,
             SpecularName::Neutral => SpecularColour::Neutral,
@@ -310,6 +344,22 @@ fn settings(choices: &FitChoices) -> FitSettings {
         light_nodes: choices.light_nodes as usize,
         interreflections: choices.interreflections,
         window: choices.window.to_radians(),
+    }
+}
+
+/// Tabulated NDFs as the arrays of `ndf.npz`.
+fn ndf_table(tabulated: &TabulatedNdf) -> NdfTable {
+    let groups = || tabulated.groups.iter();
+    let index = |group: &Option<u32>| group.map_or(-1, |m| m as i32);
+    NdfTable {
+        theta: tabulated.theta.clone(),
+        density: groups().flat_map(|g| g.density.iter().copied()).collect(),
+        sigma: groups().flat_map(|g| g.sigma.iter().copied()).collect(),
+        integral: groups().map(|g| g.integral).collect(),
+        alpha: groups().map(|g| g.alpha).collect(),
+        ndf: groups().map(|g| g.ndf as i32).collect(),
+        points: groups().map(|g| g.points as i32).collect(),
+        group: tabulated.group.iter().map(index).collect(),
     }
 }
 

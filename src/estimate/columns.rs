@@ -54,11 +54,11 @@ pub(super) struct ForwardModel<'a> {
     /// The light, world frame.
     pub(super) light: &'a SplitLight,
     /// `[frames]` rotation of the object.
-    world_from_object: &'a [Mat3],
+    pub(super) world_from_object: &'a [Mat3],
     /// Fresnel's terms.
     fresnel: FresnelModel,
     /// About how many light nodes an observation gets.
-    light_nodes: usize,
+    pub(super) light_nodes: usize,
     /// Whether the normals' variance over a pixel widens the lobe.
     footprints: bool,
     /// Lamps for diffuse reflection, world frame.

@@ -11,6 +11,8 @@ use super::model_choice::Shares;
 use super::noise::NoiseModel;
 use super::pooling::{self, PointProfile};
 use super::problem::Model;
+use super::tabulated::{Known, TabulatedNdf, tabulate};
+use super::unknown_light::{EstimatedLight, estimate_light};
 use super::visibility::Visibility;
 use super::{
     Estimate, Estimator, FitSettings, Pooling, Status, appearance, full, gradient, refraction,
@@ -52,6 +54,10 @@ pub struct Fit {
     pub appearance: Vec<Appearance>,
     /// Index of refraction of the appearance's Fresnel term; none where it is Schlick's.
     pub eta: Option<f32>,
+    /// The light, where it was not taken as known.
+    pub light: Option<EstimatedLight>,
+    /// NDFs without a formula, where they were asked for.
+    pub tabulated: Option<TabulatedNdf>,
     /// Counts.
     pub stats: FitStats,
 }
@@ -66,7 +72,13 @@ pub fn fit(
     settings: &FitSettings,
     on_points: &(dyn Fn(usize) + Sync),
 ) -> Fit {
-    let paper = settings.estimator == Estimator::Gradient;
+    let paper = settings.estimator != Estimator::Full;
+    let estimated = match settings.estimator {
+        Estimator::UnknownLight => Some(estimate_light(traces, light, settings)),
+        Estimator::Full | Estimator::Gradient => None,
+    };
+    let split = estimated.as_ref().and_then(EstimatedLight::split);
+    let light = split.as_ref().unwrap_or(light);
     let rotations = &traces.world_from_object;
     let model = ForwardModel::new(light, rotations, settings.fresnel, settings.light_nodes);
     let model = if paper {
@@ -80,7 +92,10 @@ pub fn fit(
         ..FitStats::default()
     };
     if paper {
-        fit_by_gradient(traces, neighbours, &model, settings, stats, on_points)
+        Fit {
+            light: estimated,
+            ..fit_by_gradient(traces, neighbours, &model, settings, stats, on_points)
+        }
     } else {
         fit_in_full(
             traces, neighbours, &model, accel, settings, stats, on_points,
@@ -131,6 +146,8 @@ fn fit_by_gradient(
         estimates,
         appearance,
         eta: settings.fresnel.eta(),
+        tabulated: None,
+        light: None,
         stats,
     }
 }
@@ -267,6 +284,19 @@ fn fit_in_full(
         stats.materials = pool_lobes(candidates, &shares, neighbours, settings, &mut estimates);
     }
 
+    let tabulated = settings.tabulated.then(|| {
+        let known = Known {
+            traces,
+            visibilities: &visibilities,
+            model,
+            glow: glow.as_ref(),
+            noise: &noise,
+            models: &models,
+            estimates: &estimates,
+        };
+        tabulate(&known, settings.pool)
+    });
+
     // Points without a lobe of their own get another, and an albedo that goes with it.
     // An object is rendered under the Fresnel term of most of its points.
     let (form, eta) = shares.commonest_fresnel();
@@ -290,6 +320,8 @@ fn fit_in_full(
         estimates,
         appearance,
         eta,
+        tabulated,
+        light: None,
         stats,
     }
 }

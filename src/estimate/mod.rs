@@ -19,6 +19,7 @@ mod fresnel_model;
 mod full;
 mod gloss;
 mod gradient;
+mod half_angle;
 mod interreflection;
 mod least_squares;
 mod light_cut;
@@ -26,6 +27,7 @@ mod lobe_cells;
 mod lobe_form;
 mod lobe_table;
 mod model_choice;
+mod non_negative;
 mod noise;
 mod normal_table;
 mod objective;
@@ -33,7 +35,9 @@ mod pooling;
 mod problem;
 mod refraction;
 mod search;
+mod tabulated;
 mod uncertainty;
+mod unknown_light;
 mod visibility;
 
 #[cfg(test)]
@@ -48,10 +52,14 @@ mod laws;
 mod reason_laws;
 #[cfg(test)]
 mod turntable;
+#[cfg(test)]
+mod unknown_light_laws;
 
 pub use fit::{Fit, FitStats, fit};
 pub use forecast::{CapturePlan, FORECAST_ALPHAS, Forecast, Forecaster, Lamp, UNKNOWN};
 pub use fresnel_model::FresnelModel;
+pub use tabulated::{TabulatedGroup, TabulatedNdf};
+pub use unknown_light::EstimatedLight;
 
 use glam::Vec3;
 use serde::Serialize;
@@ -68,6 +76,9 @@ pub enum Estimator {
     /// albedos by NNLS (Eq. 10); no self-shadowing, directions within a window of the mirror
     /// direction.
     Gradient,
+    /// The same with the light unknown, which is estimated in turns with the materials (Dong et al.
+    /// 2014).
+    UnknownLight,
 }
 
 /// Colour of the specular albedo.
@@ -105,6 +116,8 @@ pub struct FitSettings {
     /// The NDF, or `None` to try both and keep the smaller residual.
     #[serde(serialize_with = "ndf_name")]
     pub ndf: Option<Ndf>,
+    /// Whether the NDF is also tabulated, without a formula, beside the parametric lobe.
+    pub tabulated: bool,
     /// Colour of the specular albedo.
     pub specular: SpecularColour,
     /// Which points share a lobe. Alone unless asked for: pooling smears a texture of roughness, and
@@ -127,6 +140,7 @@ impl Default for FitSettings {
         Self {
             estimator: Estimator::Full,
             ndf: None,
+            tabulated: false,
             specular: SpecularColour::Neutral,
             pool: Pooling::None,
             fresnel: FresnelModel::Dielectric { eta: 1.3 },

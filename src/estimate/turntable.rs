@@ -9,14 +9,16 @@ use rand_pcg::Pcg64;
 
 use super::columns::{Columns, ForwardModel, Scratch};
 use super::fresnel_model::{FresnelModel, PAPER_ETA};
+use super::half_angle::{self, STEPS};
 use super::lobe_form::LobeForm;
 use super::visibility::Visibility;
+use super::{Estimate, Status};
 use crate::brdf::Ndf;
 use crate::image::RgbImage;
 use crate::mesh::SurfacePoint;
 use crate::probe::{Environment, SplitLight};
 use crate::sampling::SobolPath;
-use crate::traces::{Observation, Trace};
+use crate::traces::{Observation, SurfaceNormals, Trace, TraceSet};
 
 const FRAMES: usize = 72;
 const CAMERA: Vec3 = Vec3::new(0.0, 1.37, 3.76);
@@ -195,6 +197,35 @@ impl Turntable {
             exact,
         };
         clean.again(seed, noise)
+    }
+
+    /// The poses, without a point.
+    pub(super) fn traces(&self) -> TraceSet {
+        TraceSet {
+            traces: Vec::new(),
+            world_from_object: self.world_from_object.clone(),
+            points_of_triangle: Vec::new(),
+            surface: SurfaceNormals::default(),
+            noise_is_known: true,
+        }
+    }
+
+    /// What the point shows of each half angle under a material's Fresnel term and masking.
+    pub(super) fn half_angle(&self, trace: &Trace, material: &Material) -> Vec<[Vec3; STEPS]> {
+        let fresnel = FresnelModel::Dielectric { eta: material.eta };
+        let model = ForwardModel::new(&self.light, &self.world_from_object, fresnel, 512);
+        let (rho_s, f90) = material.form.values(&material.lobe);
+        let lobe = Estimate {
+            rho_s,
+            f90,
+            eta: f90.is_none().then_some(material.eta),
+            alpha: material.alpha,
+            ndf: material.ndf,
+            ..Estimate::without_data(Status::Converged, 0)
+        };
+        let mut scratch = half_angle::Scratch::default();
+        let open = &Visibility::Open;
+        half_angle::columns(&model, trace, open, None, &lobe, &mut scratch)
     }
 
     /// The columns of a trace of an open point. Data and fit share them, so few nodes do.

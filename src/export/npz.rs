@@ -28,6 +28,12 @@ impl<W: Write + Seek> ArrayWriter<W> {
         self.array(name, &[samples.len() as u64, 3], samples.as_flattened())
     }
 
+    /// `[M, columns]` float32, row after row.
+    pub(super) fn rows(&mut self, name: &str, columns: usize, samples: &[f32]) -> io::Result<()> {
+        let rows = samples.len().checked_div(columns).unwrap_or(0);
+        self.array(name, &[rows as u64, columns as u64], samples)
+    }
+
     /// `[N]` float32.
     pub(super) fn floats(&mut self, name: &str, samples: &[f32]) -> io::Result<()> {
         self.array(name, &[samples.len() as u64], samples)
@@ -103,6 +109,15 @@ impl ArrayReader {
     pub(super) fn rgb(&mut self, name: &'static str) -> Result<Vec<[f32; 3]>, ExportError> {
         let samples = self.array::<f32>(name, Some(3))?;
         Ok(samples.as_chunks::<3>().0.to_vec())
+    }
+
+    /// `[M, columns]` float32, row after row.
+    pub(super) fn rows(
+        &mut self,
+        name: &'static str,
+        columns: usize,
+    ) -> Result<Vec<f32>, ExportError> {
+        self.array(name, Some(columns as u64))
     }
 
     /// `[N]` of `T`.
@@ -230,7 +245,10 @@ pub(super) fn expect_length(
     if length == wanted {
         return Ok(());
     }
-    let (found, expected) = (format!("[{length}]"), format!("[{wanted}] like position"));
+    let (found, expected) = (
+        format!("[{length}]"),
+        format!("[{wanted}] like the other arrays"),
+    );
     Err(ExportError::Array {
         path: path.to_path_buf(),
         name,

@@ -47,6 +47,18 @@ impl Environment {
         ))
     }
 
+    /// From `[height][width]` texels, row 0 at the zenith, world frame.
+    pub fn from_texels(
+        width: usize,
+        height: usize,
+        texels: Vec<[f32; 3]>,
+    ) -> Result<Self, ProbeError> {
+        let image = RgbImage::from_fn(width, height, |x, y| {
+            texels.get(y * width + x).copied().unwrap_or_default()
+        });
+        Self::new(image, 0.0).map(|(environment, _)| environment)
+    }
+
     /// The same map with another image of its size.
     pub(super) fn with_image(&self, image: RgbImage) -> Self {
         Self {

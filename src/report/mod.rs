@@ -2,6 +2,7 @@
 //! observation, and what the parameters look like on the object. A registration has a page of its own.
 
 mod charts;
+mod densities;
 mod document;
 mod embed;
 mod overlay;
@@ -18,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub use probe::{ProbePage, write_probe_page};
 
 use crate::compare::{CompareError, SequenceErrors, compare_sequences, pair_frames};
-use crate::export::{ExportError, PointTable};
+use crate::export::{ExportError, NdfTable, PointTable};
 use crate::image::{ImageError, RgbImage, write_atomically};
 use crate::scene::{AssetError, Capture, Scene, SceneError};
 
@@ -130,11 +131,22 @@ pub fn write_report(fit: &Path, reproduced: Option<&Path>, out: &Path) -> Result
     // The observation may have been moved away; the estimate can be shown without it.
     let observation = Observation::read(Path::new(capture_path), reproduced);
     let views = views::parameter_views(&scene, &table)?;
-    let html = page::page(&settings, &table, &observation, &views).map_err(|source| {
-        ReportError::Write {
-            path: out.to_owned(),
-            source,
-        }
+    let ndf_path = fit.join("ndf.npz");
+    let densities = if ndf_path.exists() {
+        Some(NdfTable::read_npz(&ndf_path)?)
+    } else {
+        None
+    };
+    let content = page::Page {
+        record: &settings,
+        table: &table,
+        densities: densities.as_ref(),
+        observation: &observation,
+        views: &views,
+    };
+    let html = page::page(&content).map_err(|source| ReportError::Write {
+        path: out.to_owned(),
+        source,
     })?;
     write_atomically(out, |file| std::io::Write::write_all(file, html.as_bytes())).map_err(
         |source| ReportError::Write {

@@ -5,11 +5,12 @@ use std::io;
 use maud::{Markup, PreEscaped, html};
 
 use super::charts::{colour_bar, histogram, line, short};
+use super::densities::densities_of;
 use super::document::document;
 use super::views::{Legend, ParameterView, STATUS_COLOURS, difference, quantile};
 use super::{Observation, ReportError, ShownFrame, embed};
 use crate::compare::SequenceErrors;
-use crate::export::PointTable;
+use crate::export::{NdfTable, PointTable};
 use crate::image::ToneCurve;
 
 /// Names of the status codes and what they mean.
@@ -53,18 +54,32 @@ const REASONS: [(&str, &str); 6] = [
     ),
 ];
 
-pub(super) fn page(
-    record: &toml::Table,
-    table: &PointTable,
-    observation: &Result<Observation, ReportError>,
-    views: &[ParameterView],
-) -> io::Result<String> {
+/// What the page shows.
+pub(super) struct Page<'a> {
+    /// `fit.toml`.
+    pub(super) record: &'a toml::Table,
+    pub(super) table: &'a PointTable,
+    /// Tabulated NDFs, if there are any.
+    pub(super) densities: Option<&'a NdfTable>,
+    pub(super) observation: &'a Result<Observation, ReportError>,
+    pub(super) views: &'a [ParameterView],
+}
+
+/// The page as one file.
+pub(super) fn page(content: &Page<'_>) -> io::Result<String> {
+    let Page {
+        record,
+        table,
+        densities,
+        observation,
+        views,
+    } = *content;
     let observed = observed(observation)?;
     let views = views
         .iter()
         .map(|view| Ok((view, embed::display(view.width, view.height, &view.pixels)?)))
         .collect::<io::Result<Vec<_>>>()?;
-    let content = html! {
+    let body = html! {
         h1 { "Material of a turntable capture" }
         @for key in ["capture", "points", "turnlight"] {
             @if let Some(value) = record.get(key).and_then(toml::Value::as_str) {
@@ -91,12 +106,13 @@ pub(super) fn page(
         h2 { "Parameters of the converged points" }
         (parameters(table))
         (fresnel_counts(table))
+        @if let Some(densities) = densities { (densities_of(densities)) }
         h2 { "Settings, counters, seconds" }
         @for (name, value) in record {
             @if let Some(section) = value.as_table() { (settings(name, section)) }
         }
     };
-    Ok(document("material of a capture", &content))
+    Ok(document("material of a capture", &body))
 }
 
 /// The observed frames with the comparison, or why they are not here.
