@@ -3,6 +3,7 @@
 //! ```text
 //! cargo run --release --example tutorial-card -- FOLDER
 //! ```
+#![expect(clippy::print_stdout, reason = "it says what it wrote")]
 
 mod card;
 #[path = "../../tests/photographs/mod.rs"]
