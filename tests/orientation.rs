@@ -17,8 +17,11 @@ use turnlight::image::{Mask, RgbImage};
 const WIDTH: u32 = 48;
 const HEIGHT: u32 = 32;
 
-/// EXIF's numbers, and where the file keeps the pixel that is seen at `(x, y)`.
-const HELD: [(u16, fn(u32, u32) -> (u32, u32)); 8] = [
+/// Where a file keeps the pixel that is seen at `(x, y)`.
+type Place = fn(u32, u32) -> (u32, u32);
+
+/// EXIF's numbers, and what they mean.
+const HELD: [(u16, Place); 8] = [
     (1, |x, y| (x, y)),
     (2, |x, y| (WIDTH - 1 - x, y)),
     (3, |x, y| (WIDTH - 1 - x, HEIGHT - 1 - y)),
@@ -30,7 +33,7 @@ const HELD: [(u16, fn(u32, u32) -> (u32, u32)); 8] = [
 ];
 
 /// The file's pixels of a picture that is seen as `seen`.
-fn stored(seen: &Bytes, (number, place): (u16, fn(u32, u32) -> (u32, u32))) -> Bytes {
+fn stored(seen: &Bytes, (number, place): (u16, Place)) -> Bytes {
     let on_its_side = number > 4;
     let (width, height) = if on_its_side {
         (HEIGHT, WIDTH)
