@@ -9,6 +9,7 @@ mod exposure;
 mod exr;
 #[cfg(test)]
 mod file_laws;
+mod jpeg;
 mod raw;
 mod read;
 mod tone;

@@ -11,9 +11,11 @@ use std::{
     path::Path,
 };
 
-use ::image::{DynamicImage, ImageDecoder, ImageReader, Limits, codecs::hdr::HdrDecoder};
+use ::image::{
+    DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, codecs::hdr::HdrDecoder,
+};
 
-use super::{Channel, Depth, Fault, ImageError, Mask, RgbImage, exr, raw, srgb_decode};
+use super::{Channel, Depth, Fault, ImageError, Mask, RgbImage, exr, jpeg, raw, srgb_decode};
 
 /// The largest image that is read; 16384 × 8192, the largest probe, is half of it.
 pub const MAX_PIXELS: usize = 1 << 28;
@@ -148,11 +150,21 @@ fn decode(mut file: impl BufRead + Seek) -> Result<DynamicImage, Fault> {
         let decoder = HdrDecoder::new_nonstrict(file).map_err(Fault::damaged)?;
         return decode_checked(decoder, file_bytes, PACKED_MOST);
     }
-    let reader = ImageReader::new(file)
+    let mut reader = ImageReader::new(file)
         .with_guessed_format()
         .map_err(Fault::damaged)?;
-    if reader.format().is_none() {
-        return Err(Fault::new("is not an image of a known kind", KNOWN));
+    match reader.format() {
+        None => return Err(Fault::new("is not an image of a known kind", KNOWN)),
+        Some(ImageFormat::Jpeg) => {
+            // The decoder, too, takes the whole file into memory.
+            let mut bytes = Vec::new();
+            let mut file = reader.into_inner();
+            file.read_to_end(&mut bytes).map_err(Fault::damaged)?;
+            jpeg::check_whole(&bytes)?;
+            file.rewind().map_err(Fault::damaged)?;
+            reader = ImageReader::with_format(file, ImageFormat::Jpeg);
+        }
+        Some(_) => {}
     }
     let decoder = reader.into_decoder().map_err(|error| match error {
         ::image::ImageError::Unsupported(_) => Fault::new(error, KNOWN),
