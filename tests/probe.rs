@@ -232,6 +232,25 @@ fn bad_brackets_exit_with_2_a_name_and_nothing_written() {
         assert!(told.contains("--out") && told.contains(said), "{told}");
         assert!(names(&out).is_empty());
     }
+    // Nor what goes beside the image.
+    let beside = out.join("probe.response.csv");
+    std::fs::create_dir(&beside).unwrap();
+    let run = merge(&images, &out.join("probe.exr"), &times);
+    let told = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert_eq!(run.status.code(), Some(2), "{told}");
+    assert!(told.contains("probe.response.csv: is a folder"), "{told}");
+    std::fs::remove_dir(&beside).unwrap();
+    assert!(names(&out).is_empty());
+    // Half of a JPEG is no exposure, though its decoder would fill it with grey.
+    let jpegs = bracket(folder.path(), 3, ImageFormat::Jpeg);
+    let bytes = std::fs::read(&jpegs[1]).unwrap();
+    std::fs::write(&jpegs[1], &bytes[..bytes.len() / 2]).unwrap();
+    let run = merge(&jpegs, &out.join("probe.exr"), &times);
+    let told = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert_eq!(run.status.code(), Some(2), "{told}");
+    let said = "ends before its picture does; check that the file is complete";
+    assert!(told.contains(said), "{told}");
+    assert!(names(&out).is_empty());
     // Without times: a file that is no photograph is not asked for its EXIF.
     let text_file = folder.path().join("text.jpg");
     std::fs::write(&text_file, "hello").unwrap();
@@ -435,4 +454,35 @@ fn the_page_holds_everything_and_is_one_file() {
     ]);
     assert_eq!(run.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&run.stderr).contains("absent.exr"));
+}
+
+#[test]
+fn what_is_no_light_probe_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let (picture, page) = (folder.path().join("a.png"), folder.path().join("a.html"));
+    let noise = |x: u32, y: u32| image::Rgb([(x * 7 + y * 13) as u8; 3]);
+    Bytes::from_fn(64, 48, noise).save(&picture).unwrap();
+    let run = turnlight(&["probe", "inspect", text(&picture), "--out", text(&page)]);
+    let said = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert_eq!(run.status.code(), Some(0), "{said}");
+    for words in ["64 × 48", "twice as wide as high", "Bits8", "probe merge"] {
+        assert!(said.contains(words), "{words} in: {said}");
+    }
+    // As a chart, it wants to be told where.
+    let out = folder.path().join("match.toml");
+    let run = turnlight(&[
+        "probe",
+        "match",
+        text(&picture),
+        "colorchecker",
+        "--out",
+        text(&out),
+    ]);
+    let said = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert_eq!(run.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("is an image; say where its chart is with --probe-corners"),
+        "{said}"
+    );
+    assert!(!out.exists());
 }

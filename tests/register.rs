@@ -308,8 +308,13 @@ fn input_that_does_not_allow_it_is_named_and_nothing_is_written() {
     };
     let run = |more: &[&str]| {
         let out = folder.path().join("out");
-        let words = ["register", text(&capture), "--out", text(&out)];
-        let run = turnlight(&[&words[..], more].concat());
+        let place = ["--out", text(&out)];
+        let place = if more.contains(&"--out") {
+            &[]
+        } else {
+            &place[..]
+        };
+        let run = turnlight(&[&["register", text(&capture)], place, more].concat());
         let said = String::from_utf8_lossy(&run.stderr).into_owned();
         assert!(!said.contains("panicked"), "{said}");
         let code = run.status.code().unwrap();
@@ -338,6 +343,12 @@ fn input_that_does_not_allow_it_is_named_and_nothing_is_written() {
     let (code, said) = run(&[]);
     assert!(code == 2 && said.contains("0002.exr"), "{code} {said}");
     std::fs::write(&photograph, &good_photograph).unwrap();
+
+    // A place where no folder can be: told before the work.
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let (code, said) = run(&["--out", text(&file.join("below"))]);
+    assert!(code == 2 && said.contains("is a file; name"), "{said}");
 
     // A body of revolution: exit 1 and what helps, or as asked.
     let (code, said) = run(&[]);

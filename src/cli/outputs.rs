@@ -33,6 +33,18 @@ pub(super) fn check_outputs<'a>(
     Ok(())
 }
 
+/// Refuses folders that cannot be made, since a file stands there.
+pub(super) fn check_folder(option: &str, folder: &Path) -> Result<(), Failure> {
+    match folder.ancestors().find(|place| place.exists()) {
+        Some(place) if !place.is_dir() => Err(Failure::Input(anyhow!(
+            "{option} {}: {} is a file; name a folder",
+            folder.display(),
+            place.display()
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// Refuses names for HDR images under which other programs would not open them.
 pub(super) fn check_exr(option: &str, file: &Path) -> Result<(), Failure> {
     let is_exr = file

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::arguments::{Common, HoldName, MaskBorderName, RefineName, Register};
 use super::failure::Failure;
+use super::outputs::check_folder;
 use super::progress::{bar, note, say, write_stats, write_text};
 use crate::accel::Accel;
 use crate::image::{Mask, RgbImage};
@@ -26,6 +27,7 @@ pub(super) fn run(arguments: &Register, common: &Common) -> Result<(), Failure> 
         .clone()
         .unwrap_or_else(|| source.with_file_name("registered"));
     refuse_to_write_over(&source, &out)?;
+    check_folder("--out", &out)?;
 
     // Where to begin: the capture's own numbers, or what suits the clicked pairs.
     let mut start = capture.clone();

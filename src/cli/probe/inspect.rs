@@ -9,7 +9,7 @@ use crate::cli::failure::Failure;
 use crate::cli::outputs::check_outputs;
 use crate::cli::progress::{note, say, write_stats, write_text};
 use crate::estimate::{CapturePlan, FORECAST_ALPHAS, Forecast, Forecaster, Lamp};
-use crate::image::{Mask, RgbImage};
+use crate::image::{Depth, Mask, RgbImage};
 use crate::probe::{Environment, Inspection, LightPyramid};
 use crate::report::{ProbePage, write_probe_page};
 
@@ -23,7 +23,14 @@ pub(super) fn run(arguments: &Inspect, common: &Common) -> Result<(), Failure> {
         ("--json", arguments.json.as_deref()),
     ])?;
     let path = &arguments.probe;
-    let image = RgbImage::read(path)?;
+    let (image, depth) = RgbImage::read_samples(path)?;
+    let image = match depth {
+        Depth::Bits8 | Depth::Bits16 => RgbImage::read(path)?,
+        Depth::Float | Depth::Raw => image,
+    };
+    for doubt in doubts(&image, depth) {
+        note(common, &format!("note: {}: {doubt}", path.display()));
+    }
     let input = |reason: String| Failure::Input(anyhow::anyhow!("{}: {reason}", path.display()));
     let (environment, repaired) =
         Environment::new(image, f64::from(arguments.rotation).to_radians())
@@ -89,6 +96,24 @@ pub(super) fn run(arguments: &Inspect, common: &Common) -> Result<(), Failure> {
     tell(&inspection, &forecast, &lamp);
     note(common, &format!("{}: written", arguments.out.display()));
     write_stats(common, &record)
+}
+
+/// What a light probe would not be.
+fn doubts(image: &RgbImage, depth: Depth) -> Vec<String> {
+    let mut doubts = Vec::new();
+    if image.width != 2 * image.height {
+        doubts.push(format!(
+            "size = {} × {}: a lat-long map of the whole sphere is twice as wide as high; what this file holds is \
+             stretched over the sphere",
+            image.width, image.height
+        ));
+    }
+    if depth != Depth::Float {
+        doubts.push(format!(
+            "samples = {depth:?}: a single photograph saturates at its lamps; merge exposures with `turnlight probe merge`"
+        ));
+    }
+    doubts
 }
 
 /// JSON has no infinity: what cannot be known is null.

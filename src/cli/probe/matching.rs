@@ -22,11 +22,13 @@ pub(super) fn run(arguments: &Match, common: &Common) -> Result<(), Failure> {
         check_kept("--matched", matched, [apply.as_path()])?;
     }
     let grid = arguments.grid;
-    let probe = chart(&arguments.probe, arguments.probe_corners, grid, raw)?;
+    let corners = ("--probe-corners", arguments.probe_corners);
+    let probe = chart(&arguments.probe, corners, grid, raw)?;
     let camera = if arguments.camera.as_os_str() == "colorchecker" {
         Chart::colorchecker()
     } else {
-        chart(&arguments.camera, arguments.camera_corners, grid, false)?
+        let corners = ("--camera-corners", arguments.camera_corners);
+        chart(&arguments.camera, corners, grid, false)?
     };
     let curve = match &arguments.greys {
         None => None,
@@ -83,12 +85,20 @@ fn failure(error: ColourError) -> Failure {
 /// A list of patches, or an image where corners are given.
 fn chart(
     path: &Path,
-    corners: Option<Corners>,
+    (option, corners): (&str, Option<Corners>),
     grid: (usize, usize),
     raw: bool,
 ) -> Result<Chart, Failure> {
     let Some(Corners(corners)) = corners else {
-        return Chart::read_csv(path).map_err(failure);
+        let list = Chart::read_csv(path);
+        // A picture is no list of patches: say how it is one.
+        if list.is_err() && RgbImage::read_samples(path).is_ok() {
+            return Err(Failure::Input(anyhow::anyhow!(
+                "{}: is an image; say where its chart is with {option}",
+                path.display()
+            )));
+        }
+        return list.map_err(failure);
     };
     let (stored, depth) = RgbImage::read_samples(path)?;
     let integers = matches!(depth, Depth::Bits8 | Depth::Bits16);

@@ -12,11 +12,26 @@ use crate::cli::progress::{bar, note, say, write_stats, write_text};
 use crate::image::{Channel, Depth, Exposure, RgbImage, write_exr, write_exr_channels};
 use crate::probe::{Curve, Frame, MergeError, MergeSettings, Merged, Response, merge};
 
+/// What is written beside the image.
+const BESIDE: [&str; 5] = [
+    "variance.exr",
+    "clipped.png",
+    "ghosts.png",
+    "response.csv",
+    "merge.json",
+];
+
+/// Exposures this far from their claims, relative, are told; EXIF's rounding makes 7 % (1/60 for 1/64).
+const FAR_OFF: f64 = 0.15;
+
 pub(super) fn run(arguments: &Merge, common: &Common) -> Result<(), Failure> {
     check_exr("--out", &arguments.out)?;
-    check_outputs([("--out", Some(arguments.out.as_path()))])?;
-    let read = arguments.images.iter().map(PathBuf::as_path);
-    check_kept("--out", &arguments.out, read)?;
+    let mut written = vec![arguments.out.clone()];
+    written.extend(BESIDE.map(|suffix| beside(&arguments.out, suffix)));
+    for file in &written {
+        check_outputs([("--out", Some(file.as_path()))])?;
+        check_kept("--out", file, arguments.images.iter().map(PathBuf::as_path))?;
+    }
     let exposures = match &arguments.times {
         Some(times) if times.len() != arguments.images.len() => {
             return Err(Failure::Input(anyhow::anyhow!(
@@ -134,12 +149,13 @@ fn write(out: &Path, merged: &Merged, record: &Value) -> Result<(), Failure> {
         })
         .collect();
     let (width, height) = (merged.variance.width, merged.variance.height);
-    write_exr_channels(&beside(out, "variance.exr"), width, height, &channels)?;
-    merged.clipped.write(&beside(out, "clipped.png"))?;
-    merged.ghosts.write(&beside(out, "ghosts.png"))?;
-    write_text(&beside(out, "response.csv"), &merged.response.to_csv())?;
-    let text = serde_json::to_string_pretty(record).map_err(anyhow::Error::from)?;
-    write_text(&beside(out, "merge.json"), &text)?;
+    let [variance, clipped, ghosts, response, text] = BESIDE.map(|suffix| beside(out, suffix));
+    write_exr_channels(&variance, width, height, &channels)?;
+    merged.clipped.write(&clipped)?;
+    merged.ghosts.write(&ghosts)?;
+    write_text(&response, &merged.response.to_csv())?;
+    let json = serde_json::to_string_pretty(record).map_err(anyhow::Error::from)?;
+    write_text(&text, &json)?;
     Ok(write_exr(out, &merged.radiance)?)
 }
 
@@ -186,11 +202,19 @@ fn tell(merged: &Merged, common: &Common) {
             f.shift[1],
             f.name.display()
         ));
+        let name = f.name.display();
         if !f.overlaps {
-            let name = f.name.display();
             note(
                 common,
                 &format!("note: {name}: no overlap tells its exposure, so the claim was taken"),
+            );
+        } else if change.abs() > 100.0 * FAR_OFF {
+            note(
+                common,
+                &format!(
+                    "note: {name}: by its overlaps the exposure is {change:+.0} % off its claim; look at the file and \
+                     its EXIF, or whether the light changed"
+                ),
             );
         }
     }

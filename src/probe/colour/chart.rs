@@ -76,8 +76,11 @@ impl Chart {
             path: path.to_owned(),
             fault,
         };
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| fault(format!("{e}; give a list of patches, `name,r,g,b` a line")))?;
+        let text = std::fs::read_to_string(path).map_err(|e| {
+            fault(format!(
+                "{e}; give a list of patches, `name,r,g,b` a line, or an image"
+            ))
+        })?;
         let mut patches = Vec::new();
         for (number, line) in text.lines().enumerate() {
             let line = line.split('#').next().unwrap_or_default().trim();
