@@ -41,12 +41,13 @@ pub(super) fn roughness(k: usize) -> f32 {
 pub(super) struct Columns {
     /// `T_d`, linear RGB.
     pub(super) diffuse: Vec<Vec3>,
-    /// `T_s`, `[ndf][basis]`, each `[observation · ROUGHNESSES + k]`, linear RGB.
-    specular: [[Vec<Vec3>; 4]; 2],
-    /// `[observations]` variance of the normal over the pixel's patch, radian² per axis.
-    normal_variance: Vec<f32>,
+    /// `T_s`, `[ndf][basis]`, each `[(k · 3 + channel) · observations + observation]` with roughness number
+    /// k, as widened by the pixel's curved patch.
+    specular: [[Vec<f32>; 4]; 2],
     /// Terms of the specular model, by column.
     bases: &'static [Basis],
+    /// Number of observations.
+    observations: usize,
 }
 
 /// What a forward model takes into account.
@@ -233,7 +234,7 @@ impl<'a> ForwardModel<'a> {
             glow: radiance,
             lobe,
         } = scratch;
-        columns.clear(self.fresnel.bases());
+        columns.clear(self.fresnel.bases(), trace.observations.len());
         lobe.cut.restart();
         let by_frame = || trace.observations.chunk_by(|a, b| a.frame == b.frame);
         frames.clear();
@@ -248,16 +249,12 @@ impl<'a> ForwardModel<'a> {
             let (frame, glow) = (frames[i], &radiance[i * patches..][..patches]);
             self.arrive(frame, visibility, glow, arriving);
             for observation in observations {
+                let number = columns.diffuse.len();
                 columns.diffuse.push(match &self.window {
                     None => self.diffuse(frame, observation.normal, arriving),
                     Some(window) => self.diffuse_within(window, observation),
                 });
-                columns.normal_variance.push(if self.footprints {
-                    observation.normal_variance
-                } else {
-                    0.0
-                });
-                self.specular(observation, visibility, glow, lobe, columns);
+                self.specular((number, observation), visibility, glow, lobe, columns);
             }
         }
     }
@@ -278,10 +275,10 @@ impl<'a> ForwardModel<'a> {
         sum / std::f32::consts::PI
     }
 
-    /// Appends the specular traces of one observation.
+    /// Writes the specular traces of one observation, by its number.
     fn specular(
         &self,
-        observation: &Observation,
+        (number, observation): (usize, &Observation),
         visibility: &Visibility,
         glow: &[Vec3],
         scratch: &mut LobeScratch,
@@ -339,10 +336,15 @@ impl<'a> ForwardModel<'a> {
         }
 
         let cos_o = normal.dot(wo);
+        let widening = Widening::of(if self.footprints {
+            observation.normal_variance
+        } else {
+            0.0
+        });
         for basis in 0..self.fresnel.bases().len() {
             let sums = scratch.cells.sums(basis, cos_o);
-            for (columns, sums) in columns.specular.iter_mut().zip(&sums) {
-                columns[basis].extend_from_slice(sums);
+            for (ndf, sums) in sums.iter().enumerate() {
+                columns.put(ndf, basis, number, &widening.of_lobe(sums));
             }
         }
     }
@@ -395,21 +397,107 @@ fn mirror(observation: &Observation) -> Vec3 {
     2.0 * n.dot(wo) * n - wo
 }
 
+/// How a patch whose normals vary widens the lobes of the grid.
+///
+/// Normals that vary by `σ²` per axis show the lobe of roughness `√(alpha² + 2σ²)` (slope variances add;
+/// Tokuyoshi and Kaplanyan 2019).
+struct Widening([Cubic; ROUGHNESSES]);
+
+impl Widening {
+    fn of(normal_variance: f32) -> Self {
+        Self(std::array::from_fn(|k| {
+            let alpha = roughness(k);
+            Cubic::at(0.5 * (alpha * alpha + 2.0 * normal_variance).ln())
+        }))
+    }
+
+    fn of_lobe(&self, lobe: &[Vec3; ROUGHNESSES]) -> [Vec3; ROUGHNESSES] {
+        std::array::from_fn(|k| {
+            let Cubic { first, value, .. } = &self.0[k];
+            let nodes = lobe[*first..].iter().zip(value);
+            nodes.map(|(node, weight)| *node * *weight).sum()
+        })
+    }
+}
+
+/// Lagrange's cubic in `ln alpha` through four neighbours of the grid. Beyond the grid a trace stays as it
+/// is at the end.
+struct Cubic {
+    /// Number of the first neighbour.
+    first: usize,
+    /// Weights of the value.
+    value: [f32; 4],
+    /// Weights of the derivative by `ln alpha`.
+    slope: [f32; 4],
+}
+
+impl Cubic {
+    fn at(ln_alpha: f32) -> Self {
+        let step = (RANGE.1 / RANGE.0).ln() / (ROUGHNESSES - 1) as f32;
+        let place = (ln_alpha - RANGE.0.ln()) / step;
+        let x = place.clamp(0.0, (ROUGHNESSES - 1) as f32);
+        let per_step = if x == place { 1.0 / step } else { 0.0 };
+        let k = (x as usize).clamp(1, ROUGHNESSES - 3);
+        let t = x - k as f32;
+        // Neighbours at −1, 0, 1, 2.
+        let (a, b, c, d) = (t + 1.0, t, t - 1.0, t - 2.0);
+        Self {
+            first: k - 1,
+            value: [
+                -b * c * d / 6.0,
+                a * c * d / 2.0,
+                -a * b * d / 2.0,
+                a * b * c / 6.0,
+            ],
+            slope: [
+                -(c * d + b * d + b * c) / 6.0,
+                (c * d + a * d + a * c) / 2.0,
+                -(b * d + a * d + a * b) / 2.0,
+                (b * c + a * c + a * b) / 6.0,
+            ]
+            .map(|weight| weight * per_step),
+        }
+    }
+}
+
 impl Columns {
-    /// Ready for another point.
-    fn clear(&mut self, bases: &'static [Basis]) {
+    /// Ready for another point of so many observations.
+    fn clear(&mut self, bases: &'static [Basis], observations: usize) {
         self.diffuse.clear();
-        self.normal_variance.clear();
-        self.specular.iter_mut().flatten().for_each(Vec::clear);
+        for by_basis in &mut self.specular {
+            for column in &mut by_basis[..bases.len()] {
+                column.clear();
+                column.resize(3 * ROUGHNESSES * observations, 0.0);
+            }
+        }
         self.bases = bases;
+        self.observations = observations;
+    }
+
+    /// Writes a lobe's traces in one observation.
+    fn put(&mut self, ndf: usize, basis: usize, observation: usize, lobe: &[Vec3; ROUGHNESSES]) {
+        let rows = self.specular[ndf][basis].chunks_exact_mut(self.observations);
+        let values = lobe.iter().flat_map(Vec3::as_ref);
+        rows.zip(values)
+            .for_each(|(row, value)| row[observation] = *value);
+    }
+
+    /// A term of the specular trace at roughness number `k`, one channel of all observations; none if it
+    /// was not modelled.
+    pub(super) fn node(
+        &self,
+        ndf: usize,
+        basis: Basis,
+        k: usize,
+        channel: usize,
+    ) -> Option<&[f32]> {
+        let column = self.bases.iter().position(|b| *b == basis)?;
+        let n = self.observations;
+        Some(&self.specular[ndf][column][(k * 3 + channel) * n..][..n])
     }
 
     /// A term of the specular trace at roughness `exp(ln_alpha)`, and its derivative by `ln_alpha`, one
-    /// pair an observation. A term that was not modelled is zero.
-    ///
-    /// A pixel's patch whose normals vary by `σ²` per axis shows the lobe of roughness
-    /// `√(alpha² + 2σ²)` (slope variances add; Tokuyoshi and Kaplanyan 2019). Between the grid's
-    /// roughnesses the trace is interpolated by cubics in `ln alpha`.
+    /// pair an observation, by cubics through the grid's. A term that was not modelled is zero.
     pub(super) fn specular(
         &self,
         ndf: usize,
@@ -433,35 +521,22 @@ impl Columns {
             observations.for_each(|i| visit(i, Vec3::ZERO, Vec3::ZERO));
             return;
         };
-        let alpha2 = (2.0 * ln_alpha).exp();
-        let step = (RANGE.1 / RANGE.0).ln() / (ROUGHNESSES - 1) as f32;
+        let Cubic {
+            first,
+            value,
+            slope,
+        } = Cubic::at(ln_alpha);
+        let n = self.observations;
+        let nodes = &self.specular[ndf][column][3 * first * n..];
         for i in observations {
-            let variance = self.normal_variance[i];
-            let widened = alpha2 + 2.0 * variance;
-            let slope = alpha2 / widened;
-            let place = (0.5 * widened.ln() - RANGE.0.ln()) / step;
-            let x = place.clamp(0.0, (ROUGHNESSES - 1) as f32);
-            // Beyond the grid the trace stays as it is at the end.
-            let slope = if x == place { slope } else { 0.0 };
-            let k = (x as usize).clamp(1, ROUGHNESSES - 3);
-            let t = x - k as f32;
-            let samples = &self.specular[ndf][column][i * ROUGHNESSES + k - 1..][..4];
-            // Lagrange's cubic through the four neighbours at −1, 0, 1, 2.
-            let (a, b, c, d) = (t + 1.0, t, t - 1.0, t - 2.0);
-            let weights = [
-                -b * c * d / 6.0,
-                a * c * d / 2.0,
-                -a * b * d / 2.0,
-                a * b * c / 6.0,
-            ];
-            let slopes = [
-                -(c * d + b * d + b * c) / 6.0,
-                (c * d + a * d + a * c) / 2.0,
-                -(b * d + a * d + a * b) / 2.0,
-                (b * c + a * c + a * b) / 6.0,
-            ];
-            let blend = |w: [f32; 4]| -> Vec3 { samples.iter().zip(w).map(|(s, w)| *s * w).sum() };
-            visit(i, blend(weights), blend(slopes) * (slope / step));
+            let blend = |weights: &[f32; 4]| {
+                let channel = |c: usize| -> f32 {
+                    let taps = weights.iter().enumerate();
+                    taps.map(|(tap, w)| w * nodes[(3 * tap + c) * n + i]).sum()
+                };
+                Vec3::new(channel(0), channel(1), channel(2))
+            };
+            visit(i, blend(&value), blend(&slope));
         }
     }
 

@@ -226,3 +226,53 @@ fn bounds_do_not_bias_the_lobe() {
         assert!(mean(&z).abs() <= 0.2, "{name}: {} σ", mean(&z));
     }
 }
+
+/// Four pixels a frame of a curved surface, joined: the same estimates, no worse known.
+#[test]
+fn joined_pixels_tell_as_much_as_apart() {
+    const NODES: usize = 4096;
+    let settings = FitSettings {
+        ndf: Some(Ndf::Ggx),
+        ..FitSettings::default()
+    };
+    let models = settings.models();
+    let noise = NoiseModel::independent(true);
+    let wanted: Vec<(usize, u32, f32)> = (0..TURNTABLES.len())
+        .flat_map(|probe| {
+            (0..)
+                .zip([0.1, 0.2, 0.35].repeat(3))
+                .map(move |(i, a)| (probe, i, a))
+        })
+        .collect();
+    let compare = |&(probe, index, alpha): &(usize, u32, f32)| {
+        let turntable = &TURNTABLES[probe];
+        let material = Material::plastic(Ndf::Ggx, alpha);
+        let middle = turntable.point(index, &material, NOISE).trace.point.normal;
+        let (x, y) = middle.any_orthonormal_pair();
+        let tilts = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
+        let normals = tilts.map(|(a, b)| (middle + 0.008 * (x * a + y * b)).normalize());
+        let pixels = turntable.point_of_pixels(&normals, index.into(), &material, NOISE, NODES);
+        let trace = pixels.trace.joined(0.014);
+        let columns = turntable.columns(&trace, settings.fresnel, NODES);
+        let of = |trace, columns| full::estimate(trace, columns, &models, &noise)[0].estimate;
+        let (apart, joined) = (of(&pixels.trace, &pixels.columns), of(&trace, &columns));
+        if apart.frames < 8 || apart.status != Status::Converged {
+            return None;
+        }
+        assert!(trace.observations.len() * 3 < pixels.trace.observations.len());
+        let sigma = apart.sigma_alpha / apart.alpha;
+        let difference = (joined.alpha / apart.alpha).ln() / sigma;
+        Some((difference, joined.sigma_alpha / joined.alpha / sigma))
+    };
+    let (differences, ratios): (Vec<f32>, Vec<f32>) = wanted.par_iter().filter_map(compare).unzip();
+    let rms = |v: &[f32]| (v.iter().map(|x| x * x).sum::<f32>() / v.len() as f32).sqrt();
+    println!(
+        "{} points: {:.3} σ apart, σ times {:.3}",
+        ratios.len(),
+        rms(&differences),
+        rms(&ratios)
+    );
+    assert!(ratios.len() > 20, "{}", ratios.len());
+    assert!(rms(&differences) < 0.3, "{differences:?}");
+    assert!(rms(&ratios) < 1.1, "{ratios:?}");
+}

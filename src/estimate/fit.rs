@@ -1,5 +1,7 @@
 //! All points: visibility once, then rounds of fitting with the object's own light.
 
+use std::borrow::Cow;
+
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -24,6 +26,15 @@ use crate::traces::{Trace, TraceSet};
 
 /// Points whose residuals measure the noise.
 const NOISE_SAMPLE: usize = 512;
+/// Frames of a point, evenly chosen, by which the object's own light is predicted. Its albedo is then known
+/// to a per cent or two, and of the light on a point a tenth comes from others.
+const FIRST_FRAMES: usize = 16;
+/// How far the normals of pixels may spread that are joined, over the roughness: a lobe is then widened by
+/// 4 %, which is known to a tenth of that.
+const JOINED_SPREAD: f32 = 0.2;
+/// And how far at most, radians: what is not known of a lobe so widened (`noise::FOOTPRINT_ERROR`) then stays
+/// below 0.2 % of the light, far below a sensor's noise.
+const LARGEST_SPREAD: f32 = 0.014;
 
 /// What a fit cost and found, counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -205,8 +216,10 @@ fn fit_in_full(
     let even = Shares::even(&models);
     let mut noise = NoiseModel::independent(traces.noise_is_known);
     let mut glow = None;
-    let nearest: Vec<Trace> = traces.traces.iter().map(Trace::nearest).collect();
-    let mut first = vec![(Estimate::without_data(Status::Unseen, 0), Vec::new()); nearest.len()];
+    let sampled: Vec<Trace> = (traces.traces.iter())
+        .map(|trace| trace.sample(FIRST_FRAMES))
+        .collect();
+    let mut first = vec![(Estimate::without_data(Status::Unseen, 0), Vec::new()); sampled.len()];
     let rounds = if own_light {
         settings.interreflections
     } else {
@@ -215,14 +228,14 @@ fn fit_in_full(
     for round in 0..rounds {
         // Later rounds change only what sees the object.
         let again = |index: usize| round == 0 || concave(index);
-        let fitted = (0..nearest.len()).filter(|&index| again(index));
-        stats.observations += observations(fitted.map(|index| &nearest[index]));
+        let fitted = (0..sampled.len()).filter(|&index| again(index));
+        stats.observations += observations(fitted.map(|index| &sampled[index]));
         first
             .par_iter_mut()
             .enumerate()
             .filter(|(index, _)| again(*index))
             .for_each_init(memory, |(scratch, columns), (index, first)| {
-                let trace = &nearest[index];
+                let trace = &sampled[index];
                 coarse.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
                 let candidates = full::estimate(trace, columns, &models, &noise);
                 let choice = even.choose(&candidates);
@@ -239,13 +252,22 @@ fn fit_in_full(
         }
     }
 
+    // All observations, once, in that light. The noise of pixels that a sensor's model knows is
+    // independent, so that those may be joined which a point's lobe cannot tell apart.
+    let joined: Vec<Cow<'_, Trace>> = (traces.traces.par_iter().zip(&first))
+        .map(|(trace, (estimate, _))| {
+            let spread = (JOINED_SPREAD * least_alpha(estimate)).min(LARGEST_SPREAD);
+            let joined = traces.noise_is_known.then(|| trace.joined(spread));
+            joined.map_or(Cow::Borrowed(trace), Cow::Owned)
+        })
+        .collect();
+
     // The noise that counts is that of the full model.
-    let sample = traces.traces.len().div_ceil(NOISE_SAMPLE).max(1);
-    let (residuals, sampled): (Vec<Vec<Vec3>>, Vec<Vec<full::Candidate>>) = traces
-        .traces
+    let step = joined.len().div_ceil(NOISE_SAMPLE).max(1);
+    let (residuals, some): (Vec<Vec<Vec3>>, Vec<Vec<full::Candidate>>) = joined
         .par_iter()
         .zip(&visibilities)
-        .step_by(sample)
+        .step_by(step)
         .map_init(memory, |(scratch, columns), (trace, visibility)| {
             model.columns(trace, visibility, glow.as_ref(), scratch, columns);
             let candidates = full::estimate(trace, columns, &models, &noise);
@@ -254,15 +276,13 @@ fn fit_in_full(
         })
         .unzip();
     noise = NoiseModel::of_residuals(&residuals.concat(), traces.noise_is_known);
-    let further = refraction::between(&models, sampled.iter().map(Vec::as_slice));
+    let further = refraction::between(&models, some.iter().map(Vec::as_slice));
     let models = Model::with_dielectrics(&models, &further);
-    stats.observations += observations(traces.traces.iter().step_by(sample));
+    stats.observations += observations(joined.iter().map(Cow::as_ref).step_by(step));
 
-    // All observations, once, in that light.
-    stats.observations += observations(traces.traces.iter());
+    stats.observations += observations(joined.iter().map(Cow::as_ref));
     let pooled = settings.pool != Pooling::None;
-    let candidates: Vec<Vec<full::Candidate>> = traces
-        .traces
+    let candidates: Vec<Vec<full::Candidate>> = joined
         .par_iter()
         .zip(&visibilities)
         .map_init(memory, |(scratch, columns), (trace, visibility)| {
@@ -310,7 +330,7 @@ fn fit_in_full(
             if estimate.lobe_is_known() {
                 return estimate.diffuse_is_known().then_some(estimate.rho_d);
             }
-            let (trace, look) = (&nearest[index], &appearance[index]);
+            let (trace, look) = (&sampled[index], &appearance[index]);
             coarse.columns(trace, &visibilities[index], glow.as_ref(), scratch, columns);
             full::diffuse_beside(trace, columns, &noise, look, form)
         })
@@ -324,6 +344,11 @@ fn fit_in_full(
         light: None,
         stats,
     }
+}
+
+/// The least roughness, within two standard deviations, that a first estimate leaves.
+fn least_alpha(estimate: &Estimate) -> f32 {
+    estimate.alpha * (-2.0 * estimate.sigma_alpha / estimate.alpha).exp()
 }
 
 /// Pools lobes of the form that most points have; returns the number of materials, if they were counted.

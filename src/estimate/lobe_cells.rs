@@ -35,21 +35,33 @@ const SMALLEST_COS2: f32 = 1.0 / (1.0 + STEEPEST * STEEPEST);
 /// then at most eight times as large, for the tail of GGX.
 const NARROW: f32 = 1e-4;
 
-/// `[ndf][cell][roughness]` `D G1(ω_i)` at the place of each cell.
-static WEIGHTS: LazyLock<[Vec<[f32; ROUGHNESSES]>; 2]> = LazyLock::new(|| {
-    let weights = |ndf: Ndf, cell: usize| {
+/// Roughnesses side by side, which one pass over the cells sums: with three channels, as many sums as
+/// registers hold.
+const LANES: usize = 16;
+/// Passes over the cells for all roughnesses.
+const PASSES: usize = ROUGHNESSES.div_ceil(LANES);
+
+/// `[ndf][pass][cell][lane]` `D G1(ω_i)` at the place of each cell, by roughness; zero past the last.
+static WEIGHTS: LazyLock<[[Vec<[f32; LANES]>; PASSES]; 2]> = LazyLock::new(|| {
+    let weight = |ndf: Ndf, cell: usize, k: usize| {
+        if k >= ROUGHNESSES {
+            return 0.0;
+        }
         let (ring, place) = (cell / PLACES, cell % PLACES);
         let tan2 = tan2_of(ring as f32).max(0.0);
         let half = Local(Vec3::new(tan2.sqrt(), 0.0, 1.0).normalize());
         let root = place as f32 / (PLACES - 1) as f32;
         let cos_i = (root * root).max(1e-5);
         let wi = Local(Vec3::new((1.0 - cos_i * cos_i).sqrt(), 0.0, cos_i));
-        std::array::from_fn(|k| {
-            let alpha = Alpha::saturating(roughness(k));
-            ndf.density(half, alpha) * ndf.masking_over_cos(wi, alpha) * cos_i
-        })
+        let alpha = Alpha::saturating(roughness(k));
+        ndf.density(half, alpha) * ndf.masking_over_cos(wi, alpha) * cos_i
     };
-    Ndf::ALL.map(|ndf| (0..CELLS).map(|cell| weights(ndf, cell)).collect())
+    Ndf::ALL.map(|ndf| {
+        std::array::from_fn(|pass| {
+            let lanes = |cell| std::array::from_fn(|lane| weight(ndf, cell, pass * LANES + lane));
+            (0..CELLS).map(lanes).collect()
+        })
+    })
 });
 
 /// Step of the rings in `½ ln(tan² θ_h + INNERMOST²)`; the last but one is at [`STEEPEST`].
@@ -134,10 +146,12 @@ impl LobeCells {
         let wo = Local(Vec3::new(sin_o, 0.0, cos_o));
         let cells = &self.cells[basis * CELLS..][..CELLS];
         Ndf::ALL.map(|ndf| {
-            let sums = weigh(cells, &WEIGHTS[ndf as usize]);
+            let passes = WEIGHTS[ndf as usize].each_ref();
+            let sums = passes.map(|weights| weigh(cells, weights));
             std::array::from_fn(|k| {
+                let [r, g, b] = sums[k / LANES].map(|channel| channel[k % LANES]);
                 let masking = ndf.masking_over_cos(wo, Alpha::saturating(roughness(k)));
-                Vec3::new(sums[0][k], sums[1][k], sums[2][k]) * (0.25 * masking)
+                Vec3::new(r, g, b) * (0.25 * masking)
             })
         })
     }
@@ -160,40 +174,42 @@ fn lagrange(x: f32, count: usize) -> (usize, [f32; 4]) {
     )
 }
 
-/// Sums by channel and roughness.
-type Sums = [[f32; ROUGHNESSES]; 3];
+/// Sums by channel and lane.
+type Sums = [[f32; LANES]; 3];
 
 /// `Σ cell · weight`, by the widest instructions that the machine has.
-fn weigh(cells: &[Vec3A], weights: &[[f32; ROUGHNESSES]]) -> Sums {
+fn weigh(cells: &[Vec3A], weights: &[[f32; LANES]]) -> Sums {
     #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        #[expect(unsafe_code, reason = "the processor was just asked for AVX2")]
-        // SAFETY: AVX2 is present.
+    if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
+        #[expect(unsafe_code, reason = "the processor was just asked for AVX2 and FMA")]
+        // SAFETY: both are present.
         return unsafe { weigh_avx2(cells, weights) };
     }
-    weigh_plainly(cells, weights)
+    weigh_by(cells, weights, |sum, light, weight| sum + light * weight)
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn weigh_avx2(cells: &[Vec3A], weights: &[[f32; ROUGHNESSES]]) -> Sums {
-    weigh_plainly(cells, weights)
+#[target_feature(enable = "avx2,fma")]
+fn weigh_avx2(cells: &[Vec3A], weights: &[[f32; LANES]]) -> Sums {
+    weigh_by(cells, weights, |sum, light, weight| {
+        light.mul_add(weight, sum)
+    })
 }
 
 #[inline(always)]
-fn weigh_plainly(cells: &[Vec3A], weights: &[[f32; ROUGHNESSES]]) -> Sums {
-    let mut sums = [[0.0; ROUGHNESSES]; 3];
+fn weigh_by(cells: &[Vec3A], weights: &[[f32; LANES]], add: impl Fn(f32, f32, f32) -> f32) -> Sums {
+    let (mut r, mut g, mut b) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for (cell, weights) in cells.iter().zip(weights) {
         if *cell == Vec3A::ZERO {
             continue;
         }
-        for (sums, light) in sums.iter_mut().zip(cell.to_array()) {
-            for (sum, weight) in sums.iter_mut().zip(weights) {
-                *sum += light * weight;
-            }
+        for lane in 0..LANES {
+            r[lane] = add(r[lane], cell.x, weights[lane]);
+            g[lane] = add(g[lane], cell.y, weights[lane]);
+            b[lane] = add(b[lane], cell.z, weights[lane]);
         }
     }
-    sums
+    [r, g, b]
 }
 
 #[cfg(test)]

@@ -98,29 +98,20 @@ impl LobeForm {
         self.terms().len()
     }
 
-    /// A trace and its derivative by `ln_alpha`, one pair an observation.
-    pub(super) fn visit(
+    /// One channel of a trace at roughness number `k`, `[observations]`, into `values`.
+    pub(super) fn node(
         self,
         columns: &Columns,
         ndf: Ndf,
-        trace: usize,
-        ln_alpha: f32,
-        mut visit: impl FnMut(usize, Vec3, Vec3),
+        (trace, k, channel): (usize, usize, usize),
+        values: &mut [f64],
     ) {
-        let mix = self.mix(trace);
-        if let [(basis, 1.0)] = mix {
-            columns.specular(ndf as usize, *basis, ln_alpha, visit);
-            return;
-        }
-        let mut sums = vec![(Vec3::ZERO, Vec3::ZERO); columns.diffuse.len()];
-        for (basis, weight) in mix {
-            columns.specular(ndf as usize, *basis, ln_alpha, |i, value, slope| {
-                sums[i].0 += *weight * value;
-                sums[i].1 += *weight * slope;
-            });
-        }
-        for (i, (value, slope)) in sums.into_iter().enumerate() {
-            visit(i, value, slope);
+        values.fill(0.0);
+        for (basis, weight) in self.mix(trace) {
+            let node = columns.node(ndf as usize, *basis, k, channel);
+            for (value, node) in values.iter_mut().zip(node.unwrap_or_default()) {
+                *value += f64::from(*weight * *node);
+            }
         }
     }
 

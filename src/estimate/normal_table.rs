@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::columns::{Columns, ROUGHNESSES, roughness};
+use super::columns::{Columns, ROUGHNESSES};
 use super::least_squares::{Normal, UNKNOWNS};
 use super::lobe_form::{LobeForm, MOST_PARAMETERS};
 use super::lobe_table::{LobeTable, Stencil, TAPS};
@@ -67,13 +67,6 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]) + tail
 }
 
-/// A node's traces: `[trace][channel][observation]`, and the same times precision, by pair.
-#[derive(Default)]
-struct NodeTraces {
-    plain: Vec<[Vec<f64>; 3]>,
-    weighted: Vec<Vec<Vec<f64>>>,
-}
-
 impl NormalTable {
     /// Sums over a point's observations.
     pub(super) fn new(columns: &Columns, ndf: Ndf, form: LobeForm, samples: &Samples) -> Self {
@@ -98,49 +91,48 @@ impl NormalTable {
         };
         table.lobe.yy = diffuse.yy;
 
-        let mut ring: [NodeTraces; TAPS] = Default::default();
+        // The traces of this node and of the three before it, `[trace][channel][observation]`, and this
+        // one's times precision, `[trace][pair][observation]`.
+        let n = samples.observed[0].len();
+        let pairs = &samples.precision;
+        let traces = form.traces();
+        let mut ring: [Vec<f64>; TAPS] = std::array::from_fn(|_| vec![0.0; traces * 3 * n]);
+        let mut weighted = vec![0.0; traces * pairs.len() * n];
+        let row = |trace: usize, pair: usize| (trace * pairs.len() + pair) * n;
         for node in 0..ROUGHNESSES {
-            // The traces at this node, and weighed.
             let here = &mut ring[node % TAPS];
-            here.plain.clear();
-            for trace in 0..form.traces() {
-                let mut plain: [Vec<f64>; 3] = Default::default();
-                form.visit(columns, ndf, trace, roughness(node).ln(), |_, value, _| {
-                    for (channel, value) in plain.iter_mut().zip(value.to_array()) {
-                        channel.push(f64::from(value));
+            for trace in 0..traces {
+                for channel in 0..3 {
+                    let values = &mut here[(trace * 3 + channel) * n..][..n];
+                    form.node(columns, ndf, (trace, node, channel), values);
+                }
+                for (pair, ((_, d), p)) in pairs.iter().enumerate() {
+                    let plain = &here[(trace * 3 + d) * n..][..n];
+                    let weighted = &mut weighted[row(trace, pair)..][..n];
+                    for ((w, p), s) in weighted.iter_mut().zip(p).zip(plain) {
+                        *w = p * s;
                     }
-                });
-                here.plain.push(plain);
+                }
             }
-            here.weighted = here
-                .plain
-                .iter()
-                .map(|plain| {
-                    let pairs = samples.precision.iter();
-                    pairs
-                        .map(|((_, d), p)| p.iter().zip(&plain[*d]).map(|(p, s)| p * s).collect())
-                        .collect()
-                })
-                .collect();
 
             // Products with what is observed, with diffuse traces, and with this and earlier nodes.
-            let here = &ring[node % TAPS];
             for (l, term) in terms.iter().enumerate() {
-                for (pair, ((c, d), _)) in samples.precision.iter().enumerate() {
+                for (pair, ((c, d), _)) in pairs.iter().enumerate() {
                     if !term.channels[*d] {
                         continue;
                     }
-                    let weighted = &here.weighted[term.trace][pair];
+                    let weighted = &weighted[row(term.trace, pair)..][..n];
                     table.lobe.b[node * m + l] += dot(&samples.observed[*c], weighted);
                     table.cross[(node * m + l) * 3 + c] += dot(&samples.diffuse[*c], weighted);
                 }
             }
             for lag in 0..TAPS.min(node + 1) {
                 let there = &ring[(node - lag) % TAPS];
-                for (p, plain) in there.plain.iter().enumerate() {
-                    for (q, weighted) in here.weighted.iter().enumerate() {
-                        for (((c, d), _), weighted) in samples.precision.iter().zip(weighted) {
-                            let product = dot(&plain[*c], weighted);
+                for p in 0..traces {
+                    for q in 0..traces {
+                        for (pair, ((c, d), _)) in pairs.iter().enumerate() {
+                            let plain = &there[(p * 3 + c) * n..][..n];
+                            let product = dot(plain, &weighted[row(q, pair)..][..n]);
                             for (j, first) in terms.iter().enumerate() {
                                 for (l, second) in terms.iter().enumerate() {
                                     if (first.trace, second.trace) == (p, q)

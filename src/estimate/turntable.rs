@@ -25,6 +25,8 @@ const CAMERA: Vec3 = Vec3::new(0.0, 1.37, 3.76);
 /// Metres; seen from the camera the object fills 14°.
 const RADIUS: f32 = 0.5;
 const SMALLEST_COS: f32 = 0.2;
+/// Light nodes where data and fit share their columns: their error does not matter.
+const SHARED_NODES: usize = 192;
 
 /// What a point reflects with.
 #[derive(Clone, Copy, Debug)]
@@ -147,8 +149,20 @@ impl Turntable {
         material: &Material,
         noise: f32,
     ) -> Point {
-        let position = RADIUS * normal;
-        let observe = |(frame, rotation): (usize, &Mat3)| {
+        self.point_of_pixels(&[normal], seed, material, noise, SHARED_NODES)
+    }
+
+    /// The point of a sphere about which pixels have given normals.
+    pub(super) fn point_of_pixels(
+        &self,
+        normals: &[Vec3],
+        seed: u64,
+        material: &Material,
+        noise: f32,
+        light_nodes: usize,
+    ) -> Point {
+        let observe = |(frame, rotation): (usize, &Mat3), normal: Vec3| {
+            let position = RADIUS * normal;
             let wo = (rotation.transpose() * CAMERA - position).normalize();
             (wo.dot(normal) > SMALLEST_COS).then_some(Observation {
                 frame: frame as u32,
@@ -163,22 +177,23 @@ impl Turntable {
             })
         };
         let frames = self.world_from_object.iter().enumerate();
+        let pixels = |frame| normals.iter().filter_map(move |&n| observe(frame, n));
         let trace = Trace {
             point: SurfacePoint {
-                position,
-                normal,
+                position: RADIUS * normals[0],
+                normal: normals[0],
                 triangle: 0,
                 barycentric: Vec2::ZERO,
                 uv: None,
             },
-            observations: frames.filter_map(observe).collect(),
+            observations: frames.flat_map(pixels).collect(),
         };
-        let columns = Arc::new(self.columns(&trace, FresnelModel::Auto));
+        let columns = Arc::new(self.columns(&trace, FresnelModel::Auto, light_nodes));
         let own_columns = if material.eta == PAPER_ETA {
             Arc::clone(&columns)
         } else {
             let eta = material.eta;
-            Arc::new(self.columns(&trace, FresnelModel::Dielectric { eta }))
+            Arc::new(self.columns(&trace, FresnelModel::Dielectric { eta }, light_nodes))
         };
         let form = material.form;
         let jacobian = form.jacobian(&own_columns, material.ndf, material.alpha.ln());
@@ -228,9 +243,15 @@ impl Turntable {
         half_angle::columns(&model, trace, open, None, &lobe, &mut scratch)
     }
 
-    /// The columns of a trace of an open point. Data and fit share them, so few nodes do.
-    fn columns(&self, trace: &Trace, fresnel: FresnelModel) -> Columns {
-        let model = ForwardModel::new(&self.light, &self.world_from_object, fresnel, 192);
+    /// The columns of a trace of an open point.
+    pub(super) fn columns(
+        &self,
+        trace: &Trace,
+        fresnel: FresnelModel,
+        light_nodes: usize,
+    ) -> Columns {
+        let rotations = &self.world_from_object;
+        let model = ForwardModel::new(&self.light, rotations, fresnel, light_nodes);
         let mut columns = Columns::default();
         let mut scratch = Scratch::default();
         model.columns(trace, &Visibility::Open, None, &mut scratch, &mut columns);

@@ -79,13 +79,21 @@ impl Visibility {
                 return Cell::Below;
             }
             rays += 1;
-            match accel.closest_hit(&Ray { origin, direction }, f32::INFINITY) {
-                None => Cell::Open,
-                Some(hit) => {
-                    let coarse = y * COARSE / n * COARSE + x * COARSE / n;
-                    patches[coarse].get_or_insert((hit.triangle, Vec2::new(hit.u, hit.v)));
-                    Cell::Blocked
+            let ray = Ray { origin, direction };
+            let patch = &mut patches[y * COARSE / n * COARSE + x * COARSE / n];
+            let is_blocked = match patch {
+                // What blocks the patch is known; here only whether anything does.
+                Some(_) => accel.occluded(&ray, f32::INFINITY),
+                None => {
+                    let hit = accel.closest_hit(&ray, f32::INFINITY);
+                    *patch = hit.map(|hit| (hit.triangle, Vec2::new(hit.u, hit.v)));
+                    patch.is_some()
                 }
+            };
+            if is_blocked {
+                Cell::Blocked
+            } else {
+                Cell::Open
             }
         };
 
@@ -180,7 +188,14 @@ fn centre(n: usize, x: usize, y: usize) -> Vec3 {
 
 /// Whether a neighbour above the horizon differs.
 fn is_border(cells: &[Cell], n: usize, i: usize) -> bool {
-    let (x, y) = ((i % n) as isize, (i / n) as isize);
+    let (x, y) = (i % n, i / n);
+    if (1..n - 1).contains(&x) && (1..n - 1).contains(&y) {
+        let rows = [i - n - 1, i - 1, i + n - 1].map(|first| &cells[first..first + 3]);
+        let any = |cell| rows.iter().any(|row| row.contains(&cell));
+        return any(Cell::Open) && any(Cell::Blocked);
+    }
+    // Over the edge of the octahedral square.
+    let (x, y) = (x as isize, y as isize);
     let (mut open, mut blocked) = (false, false);
     for dy in -1..=1 {
         for dx in -1..=1 {

@@ -4,6 +4,7 @@
 //! Eq. 5), with everything the fit must know about that observation: view, normal, noise.
 //! Photographs and renders enter alike.
 
+mod alike;
 mod collect;
 mod footprint;
 
