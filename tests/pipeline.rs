@@ -11,7 +11,9 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use command::{succeeds, text, turnlight};
+use turnlight::export::PointTable;
 use turnlight::image::{RgbImage, write_exr};
+use turnlight::mesh::{sphere, write_ply};
 
 /// Every file of the folders that hold results, with its bytes; names relative to `folder`.
 fn results(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
@@ -301,6 +303,150 @@ fn a_capture_that_shows_nothing_of_the_object_exits_with_1() {
     assert_eq!(run.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&run.stderr).contains("no surface point is seen"));
     assert!(!fit.exists());
+}
+
+/// The shipped sphere as a file without texture coordinates.
+fn bare_sphere(path: &Path) {
+    let mut mesh = sphere(25).into_mesh().unwrap();
+    mesh.uvs = None;
+    write_ply(path, &mesh).unwrap();
+}
+
+/// Median of what is finite.
+fn median(values: impl Iterator<Item = f32>) -> f32 {
+    let mut values: Vec<f32> = values.filter(|v| v.is_finite()).collect();
+    values.sort_by(f32::total_cmp);
+    values[values.len() / 2]
+}
+
+#[test]
+fn texels_of_a_mesh_without_charts_recover_its_material() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    bare_sphere(&at("bare.ply"));
+    let scene = write_scene(folder.path(), "absent", "probes/interior.exr", PLASTIC, 24);
+    let written = std::fs::read_to_string(&scene).unwrap();
+    std::fs::write(&scene, written.replace("meshes/absent", "bare.ply")).unwrap();
+    let (capture, fit, again) = (at("capture"), at("fit"), at("again"));
+    let render = ["render", text(&scene), "--out", text(&capture)];
+    succeeds(&[&render[..], &["--spp", "256", "--max-depth", "2"]].concat());
+    let words = [
+        "fit",
+        text(&capture),
+        "--out",
+        text(&fit),
+        "--points",
+        "texels=48",
+    ];
+    let told = succeeds(&words);
+    assert!(
+        told.contains("mesh.ply: has no texture coordinates"),
+        "{told}"
+    );
+
+    // The estimate, of texels that a third of the frames see.
+    let table = PointTable::read_npz(&fit.join("points.npz")).unwrap();
+    assert!(
+        table
+            .texel
+            .windows(2)
+            .all(|pair| 0 <= pair[0] && pair[0] < pair[1])
+    );
+    let seen: Vec<usize> = (0..table.len()).filter(|&i| table.frames[i] >= 8).collect();
+    assert!(seen.len() > 300, "{} of {}", seen.len(), table.len());
+    let of = |value: &dyn Fn(usize) -> f32, truth: f32| {
+        median(seen.iter().map(|&i| (value(i) / truth - 1.0).abs()))
+    };
+    let alpha = of(&|i| table.alpha[i], 0.2);
+    let rho_d = of(&|i| table.rho_d[i][1], 0.3);
+    let rho_s = of(&|i| table.rho_s[i][1], 2.35);
+    println!(
+        "{} texels: alpha {alpha:.4}, rho_d {rho_d:.4}, rho_s {rho_s:.4}",
+        seen.len()
+    );
+    assert!(
+        alpha < 0.04 && rho_d < 0.005 && rho_s < 0.03,
+        "{alpha} {rho_d} {rho_s}"
+    );
+
+    // Maps hold it, their seams padded: no texel beside a chart is black.
+    let map = RgbImage::read(&fit.join("maps/rho_d.exr")).unwrap();
+    assert_eq!((map.width, map.height), (48, 48));
+    for name in [
+        "alpha",
+        "rho_s",
+        "ggx",
+        "sigma_alpha",
+        "sigma_rho_d",
+        "sigma_rho_s",
+    ] {
+        assert!(fit.join(format!("maps/{name}.exr")).exists(), "{name}");
+    }
+    for &texel in &table.texel {
+        let (x, y) = (texel as usize % 48, texel as usize / 48);
+        for dy in 0..3 {
+            for dx in 0..3 {
+                let beside = (y + dy).checked_sub(1).zip((x + dx).checked_sub(1));
+                let Some((y, x)) = beside.filter(|(y, x)| *y < 48 && *x < 48) else {
+                    continue;
+                };
+                assert!(map.pixels[y * 48 + x][0] > 0.1, "({x}, {y})");
+            }
+        }
+    }
+
+    // The mesh that lies beside them renders and reports them.
+    let words = [
+        "reproduce",
+        text(&fit),
+        "--out",
+        text(&again),
+        "--spp",
+        "64",
+    ];
+    succeeds(&[&words[..], &["--max-depth", "2"]].concat());
+    let figures = at("compare.json");
+    succeeds(&[
+        "compare",
+        text(&capture),
+        text(&again),
+        "--json",
+        text(&figures),
+    ]);
+    let figures: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&figures).unwrap()).unwrap();
+    let overall = &figures["overall"];
+    println!("{overall}");
+    assert!(overall["psnr_db"].as_f64().unwrap() > 40.0, "{overall}");
+    assert!(
+        (overall["mean_ratio"].as_f64().unwrap() - 1.0).abs() < 0.01,
+        "{overall}"
+    );
+    succeeds(&["report", text(&fit), "--out", text(&at("report.html"))]);
+    succeeds(&[
+        "export",
+        "mitsuba",
+        text(&fit),
+        "--out",
+        text(&at("mitsuba")),
+    ]);
+
+    // Too few texels for the charts: the file, the value and the remedy.
+    let out = at("other");
+    let run = turnlight(&[
+        "fit",
+        text(&capture),
+        "--out",
+        text(&out),
+        "--points",
+        "texels=4",
+    ]);
+    let said = String::from_utf8_lossy(&run.stderr);
+    assert_eq!(run.status.code(), Some(2), "{said}");
+    for word in ["mesh.ply", "resolution = 4", "choose more texels"] {
+        assert!(said.contains(word), "{said}");
+    }
+    assert!(!out.exists());
 }
 
 #[test]

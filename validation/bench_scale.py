@@ -34,13 +34,13 @@ GROWTH = {
 QUICK = {"triangles": (20_000, 100_000), "probe": (512, 1024), "pixels": (128, 256), "frames": (4, 12)}
 
 
-def write_mesh(path, triangles):
+def write_mesh(path, triangles, bumps=0.08):
     """A sphere with bumps, of about so many triangles: rows of quads, cut."""
     rows = max(int(np.sqrt(triangles / 4)), 4)
     columns = 2 * rows
     theta = np.linspace(1e-3, np.pi - 1e-3, rows + 1)[:, None]
     phi = np.arange(columns)[None, :] * (2 * np.pi / columns)
-    radius = 1 + 0.08 * np.sin(9 * theta) * np.sin(11 * phi)
+    radius = 1 + bumps * np.sin(9 * theta) * np.sin(11 * phi)
     points = np.stack(
         [radius * np.sin(theta) * np.sin(phi), radius * np.cos(theta) + 0 * phi, radius * np.sin(theta) * np.cos(phi)],
         axis=-1,

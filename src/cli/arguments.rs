@@ -201,7 +201,7 @@ pub(super) struct FitChoices {
     /// Schlick's, neutral or RGB.
     #[arg(long, default_value = "eta=1.3", value_parser = fresnel)]
     pub(super) fresnel: FresnelModel,
-    /// Surface points: `vertices`, or `texels=N` for an N × N map (the mesh needs UVs).
+    /// Surface points: `vertices`, or `texels=N` for an N × N map; a mesh without UVs gets charts.
     #[arg(long, default_value = "vertices", value_parser = points)]
     pub(super) points: PointsChoice,
     /// Rounds of interreflection; 0 takes the object's own light as black.

@@ -19,7 +19,7 @@ use crate::estimate::{
 };
 use crate::export::{FitFolder, NdfTable, PointTable};
 use crate::image::{RgbImage, write_exr};
-use crate::mesh::{Mesh, PointSet, SurfacePoint};
+use crate::mesh::{ChartReport, Mesh, PointSet};
 use crate::probe::SplitLight;
 use crate::scene::Capture;
 use crate::traces::{CollectSettings, TraceStats, collect};
@@ -30,6 +30,8 @@ struct Record {
     turnlight: &'static str,
     capture: String,
     points: String,
+    /// The charts made for a mesh without texture coordinates.
+    charts: Option<ChartReport>,
     settings: FitSettings,
     timings: Timings,
     traces: TraceStats,
@@ -161,7 +163,7 @@ pub(super) fn fit_capture(
 
     // Load: mesh, light, and the points to fit.
     let started = Instant::now();
-    let (mesh, mesh_report) = capture.object.load()?;
+    let (mut mesh, mesh_report) = capture.object.load()?;
     let (environment, probe_report) = capture.probe.load()?;
     for (path, report) in [
         (&capture.object.mesh, mesh_report.to_string()),
@@ -173,6 +175,29 @@ pub(super) fn fit_capture(
                 &format!("note: {}: {}", path.display(), report.trim()),
             );
         }
+    }
+    let mut charts = None;
+    if let PointsChoice::Texels(resolution) = choices.points
+        && mesh.uvs.is_none()
+    {
+        let (charted, report) = mesh
+            .with_charts(resolution as u32)
+            .map_err(|error| anyhow::anyhow!("{}: {error}", capture.object.mesh.display()))?;
+        note(
+            common,
+            &format!(
+                "note: {}: has no texture coordinates; {} charts were made, which cover {:.0} % of the \
+                 map (mesh.ply of the fit has them){}",
+                capture.object.mesh.display(),
+                report.charts,
+                100.0 * report.covered,
+                match report.too_thin {
+                    0 => String::new(),
+                    n => format!("; nothing is fitted on {n} triangles too thin for them"),
+                }
+            ),
+        );
+        (mesh, charts) = (charted, Some(report));
     }
     let accel = Accel::build(&mesh.positions, &mesh.triangles);
     let light = SplitLight::new(&environment);
@@ -237,7 +262,7 @@ pub(super) fn fit_capture(
 
     // Write.
     let started = Instant::now();
-    let table = table(&mesh, &points.points, estimates);
+    let table = table(&mesh, &points, estimates);
     let folder = FitFolder {
         capture,
         mesh: &mesh,
@@ -290,6 +315,7 @@ pub(super) fn fit_capture(
             PointsChoice::Vertices => "vertices".to_owned(),
             PointsChoice::Texels(n) => format!("texels={n}"),
         },
+        charts,
         settings,
         timings,
         traces: trace_stats,
@@ -364,7 +390,8 @@ fn ndf_table(tabulated: &TabulatedNdf) -> NdfTable {
 }
 
 /// The estimates as the arrays of `points.npz`.
-fn table(mesh: &Mesh, points: &[SurfacePoint], estimates: &[Estimate]) -> PointTable {
+fn table(mesh: &Mesh, set: &PointSet, estimates: &[Estimate]) -> PointTable {
+    let points = &set.points;
     let vector =
         |f: &dyn Fn(&Estimate) -> Vec3| estimates.iter().map(|e| f(e).to_array()).collect();
     let number = |f: &dyn Fn(&Estimate) -> f32| estimates.iter().map(f).collect();
@@ -394,5 +421,9 @@ fn table(mesh: &Mesh, points: &[SurfacePoint], estimates: &[Estimate]) -> PointT
         reason: integer(&|e| e.reason as i32),
         material: integer(&|e| e.material.map_or(-1, |m| m as i32)),
         borrowed: integer(&|e| i32::from(!e.lobe_is_known())),
+        texel: match &set.grid {
+            Some(grid) => grid.texels.iter().map(|&texel| texel as i32).collect(),
+            None => vec![-1; points.len()],
+        },
     }
 }

@@ -51,6 +51,9 @@ pub struct PointTable {
     /// `[N]` 1 where the lobe is not known and the point is rendered with its neighbours'; all 0 in a
     /// file without it.
     pub borrowed: Vec<i32>,
+    /// `[N]` the point's texel in the maps, row by row from the top left, where the points are texels;
+    /// else −1.
+    pub texel: Vec<i32>,
 }
 
 impl PointTable {
@@ -93,12 +96,13 @@ impl PointTable {
             arrays.integers("material", &self.material)?;
             arrays.integers("borrowed", &self.borrowed)?;
             arrays.floats("eta", &self.eta)?;
+            arrays.integers("texel", &self.texel)?;
             arrays.finish()
         })
     }
 
     /// Reads what [`PointTable::write_npz`] or `numpy.savez` wrote; further arrays are ignored. In files
-    /// of older versions, which lack the last seven arrays, nothing is known of those.
+    /// of older versions, which lack the last eight arrays, nothing is known of those.
     ///
     /// # Errors
     /// An array is absent or has another type or shape, or the file is not a zip of arrays.
@@ -126,6 +130,7 @@ impl PointTable {
             reason: code("reason", 0)?,
             material: code("material", -1)?,
             borrowed: code("borrowed", 0)?,
+            texel: code("texel", -1)?,
             position,
             normal: arrays.rgb("normal")?,
             rho_d: arrays.rgb("rho_d")?,
@@ -168,6 +173,7 @@ impl PointTable {
             ("reason", self.reason.len()),
             ("material", self.material.len()),
             ("borrowed", self.borrowed.len()),
+            ("texel", self.texel.len()),
         ];
         lengths
             .iter()
@@ -215,6 +221,7 @@ mod tests {
             reason: codes(6),
             material: codes(4),
             borrowed: codes(1),
+            texel: codes(64),
         }
     }
 

@@ -55,6 +55,17 @@ pub enum MeshError {
         "the mesh has no texture coordinates; unwrap it, or work on vertices instead of texels"
     )]
     NoTextureCoordinates,
+    /// The charts made for a mesh do not fit the map.
+    #[error(
+        "texel resolution = {resolution}: no texture layout could be made for the mesh, which has none: \
+         {problem}; choose more texels, or work on vertices"
+    )]
+    Charts {
+        /// Texels along one side.
+        resolution: u32,
+        /// Why not.
+        problem: String,
+    },
     /// A texel grid of no or too many texels was asked for.
     #[error("texel resolution = {resolution}: must be from 1 to 16384; choose e.g. 512")]
     Resolution {

@@ -2,7 +2,7 @@
 //!
 //! A file becomes a [`Surface`] (its content, in f64), and a surface becomes a [`Mesh`] (checked,
 //! repaired, in its own frame, in f32) with a [`MeshReport`] of what was found on the way.
-//! [`PointSet`] picks the points of a mesh at which materials are measured.
+//! [`Mesh::with_charts`] gives it a texture layout where it has none, and [`PointSet`] picks the points of a mesh at which materials are measured.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,6 +12,7 @@ use glam::{DVec3, Vec2, Vec3};
 use crate::geometry::Similarity;
 
 mod assemble;
+mod charts;
 mod edges;
 mod error;
 mod gltf;
@@ -22,6 +23,7 @@ mod points;
 mod queries;
 mod repair;
 mod report;
+mod seams;
 mod shapes;
 mod stl;
 mod texels;
@@ -29,6 +31,7 @@ mod topology;
 mod write_ply;
 
 pub use assemble::Surface;
+pub use charts::ChartReport;
 pub use edges::Edge;
 pub use error::MeshError;
 pub use points::{Neighbours, PointSet, SurfacePoint, neighbours};
@@ -54,7 +57,8 @@ pub struct Mesh {
     pub positions: Vec<Vec3>,
     /// `[V]` unit shading normals; computed (angle-weighted) where the file has none.
     pub normals: Vec<Vec3>,
-    /// `[V]` texture coordinates, (0, 0) at the *top left* of the image, if the file has them.
+    /// `[V]` texture coordinates, (0, 0) at the *top left* of the image, if the file has them or charts
+    /// were made.
     pub uvs: Option<Vec<Vec2>>,
     /// `[V]` further float properties of the file's vertices, by name.
     pub attributes: BTreeMap<String, Vec<f32>>,

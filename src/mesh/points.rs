@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::texels::texel_points;
-use super::{Mesh, MeshError, TexelGrid, topology};
+use super::{Mesh, MeshError, TexelGrid, seams, topology};
 
 /// A point of the surface at which a material is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,15 +47,20 @@ impl PointSet {
     ///
     /// If the mesh has no texture coordinates, or `resolution` is 0 or above 16384.
     pub fn texels(mesh: &Mesh, resolution: u32) -> Result<Self, MeshError> {
-        let (points, grid) = texel_points(mesh, resolution)?;
+        let (points, mut grid) = texel_points(mesh, resolution)?;
+        let of_triangle = nearest_points(mesh, &points);
+        if !points.is_empty() {
+            grid.find_strays(mesh, &of_triangle);
+        }
         Ok(Self {
-            of_triangle: nearest_points(mesh, &points),
+            of_triangle,
             points,
             grid: Some(grid),
         })
     }
 
-    /// `[N]` the points beside each: over the mesh's edges, or the texels' sides.
+    /// `[N]` the points beside each: over the mesh's edges, or the texels' sides and the seams of the
+    /// texture layout.
     pub fn neighbours(&self, mesh: &Mesh) -> Vec<Vec<u32>> {
         match &self.grid {
             None => {
@@ -75,7 +80,19 @@ impl PointSet {
                 };
                 (0..self.points.len() as u32).map(beside).collect()
             }
-            Some(grid) => (0..grid.texels.len()).map(|i| grid.beside(i)).collect(),
+            Some(grid) => {
+                let mut beside: Vec<Vec<u32>> =
+                    (0..grid.texels.len()).map(|i| grid.beside(i)).collect();
+                for (a, b) in seams::facing(mesh, grid) {
+                    for (from, to) in [(a, b), (b, a)] {
+                        let others = &mut beside[from as usize];
+                        if !others.contains(&to) {
+                            others.push(to);
+                        }
+                    }
+                }
+                beside
+            }
         }
     }
 

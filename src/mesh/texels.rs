@@ -21,6 +21,9 @@ pub struct TexelGrid {
     pub overlaps: usize,
     /// Triangles that reach beyond the unit square; nothing outside it is sampled.
     pub outside: usize,
+    /// Texels without a point, and none around them, in which triangles have corners all the same, as in
+    /// charts smaller than a texel; and the point nearest to such a corner on the surface. Ascending.
+    strays: Vec<(u32, u32)>,
 }
 
 /// The points at the texel centres that the texture layout covers, in the texels' order.
@@ -86,6 +89,7 @@ pub(super) fn texel_points(
             texels,
             overlaps,
             outside,
+            strays: Vec::new(),
         },
     ))
 }
@@ -150,6 +154,30 @@ impl TexelGrid {
         self.texels.binary_search(&texel).ok().map(|i| i as u32)
     }
 
+    /// Finds `strays`; `of_triangle` holds the points nearest to each triangle's corners.
+    pub(super) fn find_strays(&mut self, mesh: &Mesh, of_triangle: &[[u32; 3]]) {
+        let Some(uvs) = &mesh.uvs else { return };
+        let side = self.resolution as usize;
+        let has_point = |texel: usize| self.texels.binary_search(&(texel as u32)).is_ok();
+        let mut strays = Vec::new();
+        for (corners, nearest) in mesh.triangles.iter().zip(of_triangle) {
+            for (vertex, point) in corners.iter().zip(nearest) {
+                let place = (uvs[*vertex as usize] * side as f32).floor();
+                let inside = place.cmpge(Vec2::ZERO).all() && place.max_element() < side as f32;
+                let texel = place.y as usize * side + place.x as usize;
+                let alone = |texel| {
+                    !has_point(texel) && around(texel, side).all(|(other, _)| !has_point(other))
+                };
+                if inside && alone(texel) {
+                    strays.push((texel as u32, *point));
+                }
+            }
+        }
+        strays.sort_unstable();
+        strays.dedup_by_key(|(texel, _)| *texel);
+        self.strays = strays;
+    }
+
     /// The points of the texels that share a side with point `i`'s.
     pub(super) fn beside(&self, i: usize) -> Vec<u32> {
         let side = i64::from(self.resolution);
@@ -164,7 +192,8 @@ impl TexelGrid {
     }
 
     /// A map `[resolution][resolution]` of the points' values, with its seams padded: texels up to
-    /// `padding` away from a chart get a mean of its rim; the others get `background`.
+    /// `padding` away from a chart get a mean of its rim; the others get `background`. Charts smaller
+    /// than a texel get the value of the nearest point of the surface.
     ///
     /// # Panics
     ///
@@ -181,21 +210,22 @@ impl TexelGrid {
         for (value, &texel) in values.iter().zip(&self.texels) {
             map[texel as usize] = *value;
         }
+        for &(texel, point) in &self.strays {
+            map[texel as usize] = values[point as usize];
+        }
         self.dilate(&mut map, padding);
         map
     }
 
     /// Grows the charts of a map `[resolution][resolution]` outwards by `padding` texels, so that
     /// bilinear lookups and mipmaps near a seam do not mix in the background.
-    ///
-    /// # Panics
-    ///
-    /// If `map` has not `resolution²` texels.
-    pub fn dilate<const C: usize>(&self, map: &mut [[f32; C]], padding: u32) {
+    fn dilate<const C: usize>(&self, map: &mut [[f32; C]], padding: u32) {
         let side = self.resolution as usize;
-        assert_eq!(map.len(), side * side, "one value a texel");
         let mut covered = vec![false; map.len()];
-        let mut rim: Vec<usize> = self.texels.iter().map(|&texel| texel as usize).collect();
+        let strays = self.strays.iter().map(|(texel, _)| texel);
+        let mut rim: Vec<usize> = (self.texels.iter().chain(strays))
+            .map(|&texel| texel as usize)
+            .collect();
         rim.iter().for_each(|&texel| covered[texel] = true);
         for _ in 0..padding {
             // The uncovered texels around the rim get means of what was covered before this ring.
@@ -251,7 +281,7 @@ fn around(texel: usize, side: usize) -> impl Iterator<Item = (usize, f32)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Surface, cup, sphere};
+    use super::super::{PointSet, Surface, cup, sphere};
     use super::*;
     use glam::{DVec3, Vec2, Vec3};
 
@@ -345,6 +375,33 @@ mod tests {
             texel_points(&mesh, 4),
             Err(MeshError::NoTextureCoordinates)
         ));
+    }
+
+    #[test]
+    fn charts_smaller_than_a_texel_take_the_value_beside_them_on_the_surface() {
+        // Two triangles with a common edge, one of them shrunk into a corner of a far texel.
+        let mut mesh = square();
+        let [a, b, c] = mesh.triangles[1];
+        mesh.triangles[1] = [a, b, c].map(|vertex| vertex + 4);
+        let copies = |values: &mut Vec<Vec3>| values.extend_from_within(..);
+        copies(&mut mesh.positions);
+        copies(&mut mesh.normals);
+        let far = Vec2::new(0.97, 0.03);
+        let uvs = mesh.uvs.as_mut().unwrap();
+        uvs.iter_mut()
+            .for_each(|uv| *uv = Vec2::new(0.0, 0.5) + 0.5 * *uv);
+        let small: Vec<Vec2> = uvs.iter().map(|uv| far + 0.01 * *uv).collect();
+        uvs.extend(small);
+        let set = PointSet::texels(&mesh, 16).unwrap();
+        let grid = set.grid.as_ref().unwrap();
+        assert!(
+            grid.texels.iter().all(|texel| texel / 16 >= 8),
+            "the small one has none"
+        );
+        let values: Vec<[f32; 1]> = set.points.iter().map(|p| [2.0 + p.position.x]).collect();
+        let map = grid.map(&values, [0.0], 2);
+        let found = map[15][0];
+        assert!((1.0..=3.0).contains(&found), "{found}");
     }
 
     #[test]

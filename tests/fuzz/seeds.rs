@@ -390,6 +390,7 @@ pub(crate) fn points() -> Vec<Vec<u8>> {
         reason: vec![0, 2, 5, 0],
         material: vec![0, 1, -1, 0],
         borrowed: vec![0, 1, 0, 1],
+        texel: vec![0, 1, 0, 1],
     };
     vec![written("points.npz", |path| table.write_npz(path).unwrap())]
 }
