@@ -10,6 +10,9 @@ mod halfspace;
 mod integrator;
 #[cfg(test)]
 mod laws;
+mod lobe_block;
+mod lobe_table;
+mod lune;
 mod patches;
 mod sensor;
 mod sequence;
