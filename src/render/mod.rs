@@ -1,6 +1,7 @@
 //! The forward renderer: a path tracer over turntable poses.
 
 mod centres;
+mod corners;
 mod direction_map;
 mod expected_lobe;
 mod frame;
