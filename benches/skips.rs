@@ -81,5 +81,6 @@ fn used(skip: Skip, stats: &RenderStats) -> String {
         Skip::Negligible => share(stats.negligible, stats.bounces, "surface interactions"),
         Skip::ZeroLobes => share(stats.zero_lobes, stats.bounces, "surface interactions"),
         Skip::Explored => "every patch of a later frame".to_owned(),
+        Skip::Smooth => format!("most paths of {} pixels", stats.smooth_pixels),
     }
 }

@@ -76,7 +76,7 @@ pub(super) struct Sampling {
     #[arg(long, conflicts_with = "spp", value_parser = relative_error, value_name = "E")]
     pub(super) target_error: Option<f32>,
     /// Do what is not needed all the same, to see what it costs: background, proven-open, negligible,
-    /// zero-lobes, explored; several with commas.
+    /// zero-lobes, explored, smooth; several with commas.
     #[arg(long, value_parser = skip, value_delimiter = ',', value_name = "NAME")]
     pub(super) no_skip: Vec<Skip>,
     /// Longest path in edges, as renderers count: 2 is direct light only, 3 one interreflection.

@@ -145,7 +145,7 @@ fn on_face(face: usize, a: f32, b: f32) -> Vec3 {
 
 /// Weights of the samples at −1, 0, 1, 2 for a place `t` in [0, 1]: exact for cubics.
 #[inline]
-fn lagrange(t: f32) -> [f32; 4] {
+pub fn lagrange(t: f32) -> [f32; 4] {
     let (m, p, q) = (t - 1.0, t + 1.0, t - 2.0);
     [
         -t * m * q / 6.0,

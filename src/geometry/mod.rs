@@ -7,7 +7,7 @@ mod ray;
 mod spherical;
 mod turn;
 
-pub use cube::{CubeGrid, CubePlace, CubeStencil};
+pub use cube::{CubeGrid, CubePlace, CubeStencil, lagrange};
 pub use frame::{Frame, Local};
 pub use octahedral::{direction_from_octahedral, octahedral_from_direction, octahedral_neighbour};
 pub use ray::{Ray, offset_origin};

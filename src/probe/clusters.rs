@@ -71,6 +71,14 @@ impl LightClusters {
             .map(|(column, row)| environment.cell_flux(column, row).as_vec3())
             .collect();
         let flux: Vec<f32> = rgb.iter().map(|rgb| rgb.element_sum()).collect();
+        // Sines and cosines of rows and columns, once: texels are measured some ten times.
+        let sin_cos = |turn: f32, count: usize| -> Vec<(f32, f32)> {
+            (0..count)
+                .map(|k| (turn * ((k as f32 + 0.5) / count as f32)).sin_cos())
+                .collect()
+        };
+        let of_columns = sin_cos(2.0 * std::f32::consts::PI, width);
+        let of_rows = sin_cos(std::f32::consts::PI, height);
         let measure = |columns: std::ops::Range<usize>, rows: std::ops::Range<usize>| {
             let mut cluster = Cluster {
                 columns: columns.clone(),
@@ -80,13 +88,12 @@ impl LightClusters {
                 moments: [DVec3::ZERO; 3],
             };
             for row in rows {
+                let (sin_theta, cos_theta) = of_rows[row];
                 for column in columns.clone() {
                     let weight = f64::from(flux[row * width + column]);
-                    let uv = Vec2::new(
-                        (column as f32 + 0.5) / width as f32,
-                        (row as f32 + 0.5) / height as f32,
-                    );
-                    let direction = direction_from_latlong(uv).as_dvec3();
+                    let (sin_phi, cos_phi) = of_columns[column];
+                    let direction =
+                        Vec3::new(sin_theta * sin_phi, cos_theta, -sin_theta * cos_phi).as_dvec3();
                     cluster.flux += weight;
                     cluster.mean += weight * direction;
                     let rgb = rgb[row * width + column].as_dvec3();

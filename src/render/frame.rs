@@ -3,6 +3,7 @@
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::corners::{Corners, corners_of};
 use super::frame_light::FrameLight;
 use super::integrator::{Illuminated, PixelGuides};
 use super::patches::Patches;
@@ -15,8 +16,20 @@ use crate::sampling::SobolPath;
 /// How many times more paths a pixel gets that the silhouette crosses. Inside, the guided paths leave
 /// little noise; there, whether a path meets the object at all is all the noise there is.
 const ON_SILHOUETTE: u32 = 4;
+/// The same where all that is seen of the object is open: paths are cheap there, and with 4 times as many,
+/// silhouettes made 97 % of a sphere's squared error.
+const ON_OPEN_SILHOUETTE: u32 = 16;
 
-/// How many paths pixels get; four times as many where the silhouette crosses them.
+/// Paths of a pixel that lies open as a whole, of `paths` elsewhere: what it shows is smooth, and its
+/// squared error falls with the square of their number or faster. A power of two, which Sobol's points
+/// are spread best in.
+fn of_open(paths: u32) -> u32 {
+    let root = f64::from(paths).sqrt().ceil() as u32;
+    root.next_power_of_two().min(paths)
+}
+
+/// How many paths pixels get; four or sixteen times as many where the silhouette crosses them, and fewer
+/// where nothing but smooth open surface is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PathCount {
     /// The same number everywhere.
@@ -116,43 +129,6 @@ fn covered_pixels(stage: &Stage, view: &View, width: usize, height: usize) -> Ve
     covered
 }
 
-/// Pixels of which some corners see the object and others do not, of those in `covered`.
-///
-/// The corners are no samples of the pixel, so that choosing by them biases nothing; what is too thin
-/// for them to notice is sampled like the rest.
-fn on_silhouette(
-    stage: &Stage,
-    view: &View,
-    covered: &[bool],
-    width: usize,
-    height: usize,
-) -> Vec<bool> {
-    let sees_object = |x: usize, y: usize| {
-        let ray = view.ray(DVec2::new(x as f64, y as f64));
-        stage.accel.occluded(&ray, f32::INFINITY)
-    };
-    let near = |x: usize, y: usize| {
-        let (columns, rows) = (
-            x.saturating_sub(1)..(x + 1).min(width),
-            y.saturating_sub(1)..(y + 1).min(height),
-        );
-        rows.into_iter()
-            .any(|y| columns.clone().any(|x| covered[y * width + x]))
-    };
-    let corners: Vec<bool> = (0..=height)
-        .into_par_iter()
-        .flat_map_iter(|y| (0..=width).map(move |x| near(x, y) && sees_object(x, y)))
-        .collect();
-    (0..width * height)
-        .map(|pixel| {
-            let first = pixel / width * (width + 1) + pixel % width;
-            let four = [first, first + 1, first + width + 1, first + width + 2];
-            let seen = four.into_iter().filter(|&corner| corners[corner]).count();
-            covered[pixel] && seen % 4 != 0
-        })
-        .collect()
-}
-
 /// A frame that can be sampled.
 pub(super) struct FrameSampler<'a> {
     illuminated: Illuminated<'a>,
@@ -161,7 +137,9 @@ pub(super) struct FrameSampler<'a> {
     pub(super) width: usize,
     pub(super) height: usize,
     covered: Vec<bool>,
-    silhouette: Vec<bool>,
+    /// Whether open pixels get few paths.
+    thins: bool,
+    corners: Vec<Corners>,
 }
 
 impl<'a> FrameSampler<'a> {
@@ -181,22 +159,28 @@ impl<'a> FrameSampler<'a> {
         } else {
             vec![true; width * height]
         };
-        let silhouette = on_silhouette(stage, &view, &covered, width, height);
+        let illuminated = Illuminated {
+            stage,
+            light: FrameLight::new(&stage.environment, &stage.clusters, world_from_object),
+            world_from_object,
+            patches,
+            bounces: settings.bounces,
+            skips: settings.skips,
+        };
+        let corners = corners_of(&illuminated, &view, &covered, width, height);
+        // A plan measures how errors fall with the number of paths that it gives.
+        let thins = settings.skips.has(Skip::Smooth)
+            && matches!(settings.paths, PathCount::PerPixel(_))
+            && !stage.material.has_textures();
         Self {
-            illuminated: Illuminated {
-                stage,
-                light: FrameLight::new(&stage.environment, &stage.clusters, world_from_object),
-                world_from_object,
-                patches,
-                bounces: settings.bounces,
-                skips: settings.skips,
-            },
+            illuminated,
             view,
             number,
             width,
             height,
             covered,
-            silhouette,
+            corners,
+            thins,
         }
     }
 
@@ -238,10 +222,14 @@ impl<'a> FrameSampler<'a> {
                 coverage: 0,
             };
         }
-        let paths = if self.silhouette[pixel] {
-            paths.saturating_mul(ON_SILHOUETTE)
-        } else {
-            paths
+        let paths = match self.corners[pixel] {
+            Corners::Silhouette => paths.saturating_mul(ON_SILHOUETTE),
+            Corners::OpenSilhouette => paths.saturating_mul(ON_OPEN_SILHOUETTE),
+            Corners::Open if self.thins => {
+                stats.smooth_pixels += 1;
+                of_open(paths)
+            }
+            _ => paths,
         };
         let mut sum = DVec3::ZERO;
         let mut guides = PixelGuides::default();
@@ -286,7 +274,10 @@ impl<'a> FrameSampler<'a> {
 
     /// Whether the silhouette crosses a pixel.
     pub(super) fn on_silhouette(&self, pixel: usize) -> bool {
-        self.silhouette[pixel]
+        matches!(
+            self.corners[pixel],
+            Corners::Silhouette | Corners::OpenSilhouette
+        )
     }
 }
 

@@ -1,13 +1,15 @@
 //! Where one surface point should send its samples.
 //!
 //! ```text
-//! L = rho_d/π [I(n) − M n] + ∫ [ V f E + (1 − V) f L' − c f_d E ] (n·ω)+ dω,   f = f_d + f_s
+//! L = rho_d/π [I(n) − M n] + b T_s(n, ω_o) + ∫ [ V f E + (1 − V) f L' − (c f_d + b f_s) E ] (n·ω)+ dω
 //! ```
 //!
-//! The diffuse answer of an open point comes from a table without noise, less the patches of light that
-//! are mostly hidden from here: those are left out (`c = 0` there, else 1), their irradiance being
-//! linear in the normal, `M n`. What remains to be sampled is small: the lobe where the light is seen,
-//! hidden light that is seen after all, seen light that is hidden, and the object's own light. Three
+//! The diffuse answer of an open point, `f = f_d + f_s`, comes from a table without noise, less the
+//! patches of light that are mostly hidden from here: those are left out (`c = 0` there, else 1), their
+//! irradiance being linear in the normal, `M n`. The lobe's answer comes from tables too where there
+//! are any and most of the light in the lobe is seen (`b = 1`, else 0). What remains to be sampled is
+//! small: hidden light that is seen after all, seen light that is hidden, and the object's own light;
+//! and the lobe, where it is not from a table. Three
 //! techniques share the samples, in proportion to what each is expected to find: patches of light,
 //! weighed by normal, lobe and blockage; blocked cells of the direction map, for light from the object
 //! itself; and visible normals of the lobe. One direction is drawn from their mixture (balance
@@ -60,6 +62,8 @@ pub(super) struct Guide {
     hidden_moments: Mat3,
     /// `[patch of light]` whether it is left out.
     hidden: [bool; LIGHTS],
+    /// Whether the lobe's answer is to come from a table.
+    pub(super) lobe_tabulated: bool,
     /// What the samples are expected to find, summed over RGB.
     pub(super) expected: f32,
     /// Shares of light patches, of blocked cells and of the lobe; they sum to 1.
@@ -69,7 +73,8 @@ pub(super) struct Guide {
 }
 
 impl Guide {
-    /// Weighs the light for a surface on a patch. `indirect` tells whether paths go on; `blockage`
+    /// Weighs the light for a surface on a patch. `indirect` tells whether paths go on, `lobe_table`
+    /// whether there is a table of the lobe's answer; `blockage`
     /// knows better than the patch how likely a direction of a cell is blocked, and `occluded`,
     /// where it is worth it, whether the middle of a patch of light is hidden from this very point.
     pub(super) fn new(
@@ -77,7 +82,7 @@ impl Guide {
         patch: &Patch,
         light: &FrameLight<'_>,
         cells: &Places,
-        indirect: bool,
+        (indirect, lobe_table): (bool, bool),
         blockage: &dyn Fn(Vec3, usize) -> f32,
         mut occluded: Option<&mut dyn FnMut(Vec3) -> bool>,
     ) -> Self {
@@ -109,8 +114,17 @@ impl Guide {
             }
         }
 
-        // Light patches: the lobe where they are seen; the diffuse part where seen ones are not, and
-        // hidden ones are.
+        // How much of the lobe's light is seen.
+        let (mut seen, mut unseen) = (0.0, 0.0);
+        for (k, blocked) in blocked.iter().enumerate() {
+            let light = reflected.specular[k] * light.flux[k];
+            unseen += blocked * light;
+            seen += (1.0 - blocked) * light;
+        }
+        let lobe_tabulated = lobe_table && seen > unseen;
+
+        // Light patches: the lobe where they are seen, or are not if a table has it; the diffuse part
+        // where seen ones are not, and hidden ones are.
         let normal = surface.frame.normal;
         let mut weights = [0.0; LIGHTS];
         let mut hidden = [false; LIGHTS];
@@ -127,7 +141,12 @@ impl Guide {
             } else {
                 blocked
             };
-            reflected.specular[k] *= (1.0 - blocked) * light.flux[k];
+            let of_lobe = if lobe_tabulated {
+                blocked
+            } else {
+                1.0 - blocked
+            };
+            reflected.specular[k] *= of_lobe * light.flux[k];
             weights[k] = reflected.diffuse[k] * wanted * light.flux[k] + reflected.specular[k];
         }
         let glints = sum_of(&reflected.specular);
@@ -161,6 +180,7 @@ impl Guide {
             parts: parts_of(surface.brdf),
             hidden_moments,
             hidden,
+            lobe_tabulated,
             expected: lights.sum + cells.sum,
             shares: [0.0; 3],
             lights,
@@ -333,7 +353,8 @@ mod tests {
                     matte: false,
                 };
                 let known = |_: Vec3, cell: usize| patch.blocked[cell];
-                let guide = Guide::new(&surface, &patch, &light, &cells, indirect, &known, None);
+                let paths = (indirect, false);
+                let guide = Guide::new(&surface, &patch, &light, &cells, paths, &known, None);
                 let n = 1 << 16;
                 let mut octants = [(0.0f64, 0.0f64); 4];
                 for index in 0..n {
@@ -392,7 +413,7 @@ mod tests {
             &patch,
             &light,
             &cells_as_places(),
-            true,
+            (true, false),
             &known,
             None,
         );

@@ -292,13 +292,14 @@ fn skips_leave_the_image_alone() {
                 Skip::Negligible => of.negligible,
                 Skip::ZeroLobes => of.zero_lobes,
                 Skip::Explored => 0,
+                Skip::Smooth => of.smooth_pixels,
             };
             assert_eq!(
                 work(&all_done.stats),
                 0,
                 "{name} is counted though it is off"
             );
-            if skip != Skip::Negligible {
+            if !matches!(skip, Skip::Negligible | Skip::Smooth) {
                 let again = all_done.stats.patches_explored > 0;
                 assert_eq!(again, skip == Skip::Explored, "{name}: patches explored");
                 assert!(
@@ -307,13 +308,13 @@ fn skips_leave_the_image_alone() {
                 );
                 continue;
             }
-            // This one trades noise for time: the same image on average.
+            // These trade noise for time: the same image on average.
             let mean = |skips: Skips| -> Vec<f64> {
                 let sum = |seed| -> f64 {
                     let image = render(skips, seed).radiance;
                     image.pixels.iter().flatten().map(|&x| f64::from(x)).sum()
                 };
-                (0..32).map(sum).collect()
+                (0..128).map(sum).collect()
             };
             let (on, off) = (mean(Skips::ALL), mean(Skips::ALL.without(skip)));
             // The same seeds: the differences tell.
@@ -336,7 +337,7 @@ fn skips_leave_the_image_alone() {
     }
     // Each has something to skip here.
     assert!(counted.background_pixels > 0 && counted.proven_open > 0);
-    assert!(counted.negligible > 0 && counted.zero_lobes > 0);
+    assert!(counted.negligible > 0 && counted.zero_lobes > 0 && counted.smooth_pixels > 0);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The forward renderer: a path tracer over turntable poses.
 
 mod centres;
+mod corners;
 mod direction_map;
 mod expected_lobe;
 mod frame;
@@ -10,6 +11,9 @@ mod halfspace;
 mod integrator;
 #[cfg(test)]
 mod laws;
+mod lobe_block;
+mod lobe_table;
+mod lune;
 mod patches;
 mod sensor;
 mod sequence;

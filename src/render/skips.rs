@@ -9,7 +9,7 @@
 pub enum Skip {
     /// Pixels that no triangle projects onto are not sampled.
     Background,
-    /// Directions above a plane that the whole mesh lies below need no ray.
+    /// Above a plane that the whole mesh lies below, tables know all the light and no ray is needed.
     ProvenOpen,
     /// Where little of the pixel is left to find, only some of the paths look for it.
     Negligible,
@@ -17,16 +17,19 @@ pub enum Skip {
     ZeroLobes,
     /// What blocks a patch of the surface is kept for other pixels and frames.
     Explored,
+    /// Pixels all of whose corners see open surface, where tables leave no noise, get few paths.
+    Smooth,
 }
 
 impl Skip {
     /// All of them, with the names that users give.
-    pub const ALL: [(Self, &str); 5] = [
+    pub const ALL: [(Self, &str); 6] = [
         (Self::Background, "background"),
         (Self::ProvenOpen, "proven-open"),
         (Self::Negligible, "negligible"),
         (Self::ZeroLobes, "zero-lobes"),
         (Self::Explored, "explored"),
+        (Self::Smooth, "smooth"),
     ];
 }
 

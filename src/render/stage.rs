@@ -1,9 +1,10 @@
 //! Everything a frame needs in memory: mesh, rays, material, light, camera.
 
-use glam::DAffine3;
+use glam::{DAffine3, DVec2, Vec3};
 
 use super::expected_lobe::Places;
 use super::guide::{LIGHTS, cells_as_places};
+use super::lobe_table::LobeTable;
 use super::patches::Patches;
 
 use crate::accel::Accel;
@@ -27,6 +28,8 @@ pub struct Stage {
     pub(super) clusters: LightClusters,
     /// What open surfaces receive.
     pub(super) irradiance: Irradiance,
+    /// What lobes of open surfaces reflect, if all are alike.
+    pub(super) lobe: Option<LobeTable>,
     /// Where the object blocks its own light.
     pub(super) patches: Patches,
     /// The cells of the direction map.
@@ -49,10 +52,12 @@ impl Stage {
         .filter(|(_, report)| !report.trim().is_empty())
         .map(|(path, report)| format!("{}: {}", path.display(), report.trim()))
         .collect();
+        let pyramid = LightPyramid::new(&environment);
         Ok((
             Self {
                 clusters: LightClusters::new(&environment, LIGHTS),
-                irradiance: Irradiance::new(&LightPyramid::new(&environment)),
+                irradiance: Irradiance::new(&pyramid),
+                lobe: lobe_table(pyramid, &material, scene),
                 patches: Patches::new(&mesh),
                 cells: cells_as_places(),
                 mesh,
@@ -80,4 +85,24 @@ impl Stage {
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
+}
+
+/// Tables of the material's lobe for all directions from which the camera looks.
+fn lobe_table(pyramid: LightPyramid, material: &MaterialField, scene: &Scene) -> Option<LobeTable> {
+    /// Places along each side of the image: between them lenses bend little.
+    const PLACES: usize = 16;
+    let lobe = material.uniform_lobe()?;
+    let camera = &scene.camera;
+    let size = DVec2::new(camera.width as f64, camera.height as f64);
+    let to_camera = |place: DVec2| -> Vec3 { -camera.direction(place * size).as_vec3() };
+    let border = (0..=PLACES).flat_map(|k| {
+        let along = k as f64 / PLACES as f64;
+        [(along, 0.0), (along, 1.0), (0.0, along), (1.0, along)]
+    });
+    LobeTable::new(
+        pyramid,
+        lobe,
+        to_camera(DVec2::splat(0.5)).normalize(),
+        border.map(|(x, y)| to_camera(DVec2::new(x, y)).normalize()),
+    )
 }

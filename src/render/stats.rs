@@ -15,7 +15,8 @@ pub struct RenderStats {
     pub closest_rays: u64,
     /// Occlusion queries of paths; those that explore patches and find silhouettes are not counted.
     pub shadow_rays: u64,
-    /// Directions above a plane that nothing of the mesh rises above: no ray was needed.
+    /// Surface interactions and directions above a plane that nothing of the mesh rises above: no ray
+    /// was needed.
     pub proven_open: u64,
     /// Surface interactions shaded.
     pub bounces: u64,
@@ -25,6 +26,8 @@ pub struct RenderStats {
     pub zero_lobes: u64,
     /// Patches of the surface of which rays told what blocks them.
     pub patches_explored: u64,
+    /// Pixels that got few paths because they lie open as a whole.
+    pub smooth_pixels: u64,
     /// Pixels skipped because no triangle projects onto them.
     pub background_pixels: u64,
 }
@@ -40,6 +43,7 @@ impl AddAssign for RenderStats {
         self.negligible += other.negligible;
         self.zero_lobes += other.zero_lobes;
         self.patches_explored += other.patches_explored;
+        self.smooth_pixels += other.smooth_pixels;
         self.background_pixels += other.background_pixels;
     }
 }

@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 
 use super::AssetError;
 use super::plan::{MapSource, MaterialSource, SpecularSource};
-use crate::brdf::{Alpha, Dichromatic, Fresnel};
+use crate::brdf::{Alpha, Dichromatic, Fresnel, Ndf};
 use crate::image::RgbImage;
 use crate::mesh::Mesh;
 
@@ -169,6 +169,38 @@ impl MaterialField {
                 },
             },
         })
+    }
+
+    /// Whether a texture may vary within a pixel, however small.
+    pub fn has_textures(&self) -> bool {
+        fn is_texture<T>(map: &Map<T>) -> bool {
+            matches!(map, Map::Texture(_))
+        }
+        is_texture(&self.ggx)
+            || is_texture(&self.alpha)
+            || is_texture(&self.rho_d)
+            || match &self.specular {
+                SpecularField::Dielectric { rho_s, .. } => is_texture(rho_s),
+                SpecularField::Schlick { f0, f90 } => is_texture(f0) || is_texture(f90),
+            }
+    }
+
+    /// Roughness, lobe and index of refraction (`None` under Schlick's Fresnel term), if the whole
+    /// object has the same; and if that is not a mixture of lobes.
+    pub fn uniform_lobe(&self) -> Option<(Alpha, Ndf, Option<f32>)> {
+        let (Map::Constant(alpha), Map::Constant(ggx)) = (&self.alpha, &self.ggx) else {
+            return None;
+        };
+        let ndf = match *ggx {
+            ggx if ggx <= 0.0 => Ndf::Beckmann,
+            ggx if ggx >= 1.0 => Ndf::Ggx,
+            _ => return None,
+        };
+        let eta = match &self.specular {
+            SpecularField::Dielectric { eta, .. } => Some(*eta),
+            SpecularField::Schlick { .. } => None,
+        };
+        Some((Alpha::saturating(*alpha), ndf, eta))
     }
 
     /// The material at a point of a triangle of the mesh it was loaded for. Values of maps outside
