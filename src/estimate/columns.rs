@@ -16,13 +16,14 @@ use super::interreflection::Glow;
 use super::light_cut::{Lobe, LobeCut, Seen, diffuse_cut, to_object};
 use super::lobe_cells::LobeCells;
 use super::visibility::Visibility;
+use super::widening::{Cubic, Widening};
 use crate::probe::{LightNode, LightPyramid, SplitLight};
 use crate::traces::{Observation, Trace};
 
 /// Number of roughness values at which specular traces are computed.
 pub(super) const ROUGHNESSES: usize = 28;
 /// Ends of the range of roughness: below 0.01 a lobe is narrower than a probe's texels.
-const RANGE: (f32, f32) = (0.01, 1.0);
+pub(super) const RANGE: (f32, f32) = (0.01, 1.0);
 
 /// Nodes for the lamps in diffuse reflection.
 const DIFFUSE_LAMPS: usize = 128;
@@ -336,15 +337,16 @@ impl<'a> ForwardModel<'a> {
         }
 
         let cos_o = normal.dot(wo);
-        let widening = Widening::of(if self.footprints {
-            observation.normal_variance
-        } else {
-            0.0
-        });
+        let widening = self
+            .footprints
+            .then(|| Widening::of(observation.normal_variance));
         for basis in 0..self.fresnel.bases().len() {
-            let sums = scratch.cells.sums(basis, cos_o);
-            for (ndf, sums) in sums.iter().enumerate() {
-                columns.put(ndf, basis, number, &widening.of_lobe(sums));
+            let mut lobes = scratch.cells.sums(basis, cos_o);
+            if let Some(widening) = &widening {
+                lobes = widening.of_lobes(&lobes);
+            }
+            for (ndf, lobe) in lobes.iter().enumerate() {
+                columns.put(ndf, basis, number, lobe);
             }
         }
     }
@@ -395,69 +397,6 @@ fn gather(
 fn mirror(observation: &Observation) -> Vec3 {
     let (n, wo) = (observation.normal, observation.wo);
     2.0 * n.dot(wo) * n - wo
-}
-
-/// How a patch whose normals vary widens the lobes of the grid.
-///
-/// Normals that vary by `σ²` per axis show the lobe of roughness `√(alpha² + 2σ²)` (slope variances add;
-/// Tokuyoshi and Kaplanyan 2019).
-struct Widening([Cubic; ROUGHNESSES]);
-
-impl Widening {
-    fn of(normal_variance: f32) -> Self {
-        Self(std::array::from_fn(|k| {
-            let alpha = roughness(k);
-            Cubic::at(0.5 * (alpha * alpha + 2.0 * normal_variance).ln())
-        }))
-    }
-
-    fn of_lobe(&self, lobe: &[Vec3; ROUGHNESSES]) -> [Vec3; ROUGHNESSES] {
-        std::array::from_fn(|k| {
-            let Cubic { first, value, .. } = &self.0[k];
-            let nodes = lobe[*first..].iter().zip(value);
-            nodes.map(|(node, weight)| *node * *weight).sum()
-        })
-    }
-}
-
-/// Lagrange's cubic in `ln alpha` through four neighbours of the grid. Beyond the grid a trace stays as it
-/// is at the end.
-struct Cubic {
-    /// Number of the first neighbour.
-    first: usize,
-    /// Weights of the value.
-    value: [f32; 4],
-    /// Weights of the derivative by `ln alpha`.
-    slope: [f32; 4],
-}
-
-impl Cubic {
-    fn at(ln_alpha: f32) -> Self {
-        let step = (RANGE.1 / RANGE.0).ln() / (ROUGHNESSES - 1) as f32;
-        let place = (ln_alpha - RANGE.0.ln()) / step;
-        let x = place.clamp(0.0, (ROUGHNESSES - 1) as f32);
-        let per_step = if x == place { 1.0 / step } else { 0.0 };
-        let k = (x as usize).clamp(1, ROUGHNESSES - 3);
-        let t = x - k as f32;
-        // Neighbours at −1, 0, 1, 2.
-        let (a, b, c, d) = (t + 1.0, t, t - 1.0, t - 2.0);
-        Self {
-            first: k - 1,
-            value: [
-                -b * c * d / 6.0,
-                a * c * d / 2.0,
-                -a * b * d / 2.0,
-                a * b * c / 6.0,
-            ],
-            slope: [
-                -(c * d + b * d + b * c) / 6.0,
-                (c * d + a * d + a * c) / 2.0,
-                -(b * d + a * d + a * b) / 2.0,
-                (b * c + a * c + a * b) / 6.0,
-            ]
-            .map(|weight| weight * per_step),
-        }
-    }
 }
 
 impl Columns {

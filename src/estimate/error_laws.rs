@@ -236,7 +236,6 @@ fn joined_pixels_tell_as_much_as_apart() {
         ..FitSettings::default()
     };
     let models = settings.models();
-    let noise = NoiseModel::independent(true);
     let wanted: Vec<(usize, u32, f32)> = (0..TURNTABLES.len())
         .flat_map(|probe| {
             (0..)
@@ -244,16 +243,25 @@ fn joined_pixels_tell_as_much_as_apart() {
                 .map(move |(i, a)| (probe, i, a))
         })
         .collect();
-    let compare = |&(probe, index, alpha): &(usize, u32, f32)| {
-        let turntable = &TURNTABLES[probe];
-        let material = Material::plastic(Ndf::Ggx, alpha);
-        let middle = turntable.point(index, &material, NOISE).trace.point.normal;
-        let (x, y) = middle.any_orthonormal_pair();
-        let tilts = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
-        let normals = tilts.map(|(a, b)| (middle + 0.008 * (x * a + y * b)).normalize());
-        let pixels = turntable.point_of_pixels(&normals, index.into(), &material, NOISE, NODES);
+    let points: Vec<(Material, Point)> = (wanted.par_iter())
+        .map(|&(probe, index, alpha)| {
+            let turntable = &TURNTABLES[probe];
+            let material = Material::plastic(Ndf::Ggx, alpha);
+            let middle = turntable.point(index, &material, NOISE).trace.point.normal;
+            let (x, y) = middle.any_orthonormal_pair();
+            let tilts = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
+            let normals = tilts.map(|(a, b)| (middle + 0.008 * (x * a + y * b)).normalize());
+            let seed = index.into();
+            (
+                material,
+                turntable.point_of_pixels(&normals, seed, &material, NOISE, NODES),
+            )
+        })
+        .collect();
+    let noise = measured_noise(&points, &settings);
+    let compare = |(&(probe, ..), (_, pixels)): (&(usize, u32, f32), &(Material, Point))| {
         let trace = pixels.trace.joined(0.014);
-        let columns = turntable.columns(&trace, settings.fresnel, NODES);
+        let columns = TURNTABLES[probe].columns(&trace, settings.fresnel, NODES);
         let of = |trace, columns| full::estimate(trace, columns, &models, &noise)[0].estimate;
         let (apart, joined) = (of(&pixels.trace, &pixels.columns), of(&trace, &columns));
         if apart.frames < 8 || apart.status != Status::Converged {
@@ -264,7 +272,8 @@ fn joined_pixels_tell_as_much_as_apart() {
         let difference = (joined.alpha / apart.alpha).ln() / sigma;
         Some((difference, joined.sigma_alpha / joined.alpha / sigma))
     };
-    let (differences, ratios): (Vec<f32>, Vec<f32>) = wanted.par_iter().filter_map(compare).unzip();
+    let (differences, ratios): (Vec<f32>, Vec<f32>) =
+        wanted.par_iter().zip(&points).filter_map(compare).unzip();
     let rms = |v: &[f32]| (v.iter().map(|x| x * x).sum::<f32>() / v.len() as f32).sqrt();
     println!(
         "{} points: {:.3} σ apart, σ times {:.3}",

@@ -39,6 +39,7 @@ mod tabulated;
 mod uncertainty;
 mod unknown_light;
 mod visibility;
+mod widening;
 
 #[cfg(test)]
 mod error_laws;
