@@ -103,7 +103,14 @@ impl Illuminated<'_> {
     fn is_tabulated(&self, ray: &Ray, hit: &Hit) -> bool {
         let (stage, mesh) = (self.stage, &self.stage.mesh);
         let barycentric = Vec2::new(hit.u, hit.v);
-        let cos_o = -mesh.normal_at(hit.triangle, barycentric).dot(ray.direction);
+        let (normal, side) = (
+            mesh.normal_at(hit.triangle, barycentric),
+            mesh.geometric_normal(hit.triangle),
+        );
+        if self.light.has_lamp_between(normal, side) {
+            return false;
+        }
+        let cos_o = -normal.dot(ray.direction);
         let served = stage.lobe.as_ref().is_some_and(|table| table.serves(cos_o));
         served || stage.material.at(mesh, hit.triangle, barycentric).rho_s == Vec3::ZERO
     }

@@ -23,7 +23,13 @@ pub(super) struct FrameLight<'a> {
     pub(super) cell: [u16; PLACES],
     /// Mean radiance, summed over RGB.
     pub(super) mean: f32,
+    /// Middle and radius (radians) of the patches of light that are far brighter than the mean.
+    lamps: Vec<(Vec3, f32)>,
 }
+
+/// Radiance over the mean from which on a patch of light is a lamp. Below, what a triangle hides of it in a
+/// lune, asked for once in ten times, is no more than noise elsewhere.
+const LAMP: f32 = 8.0;
 
 impl<'a> FrameLight<'a> {
     pub(super) fn new(
@@ -42,6 +48,7 @@ impl<'a> FrameLight<'a> {
             moments: vec![Mat3::ZERO; PLACES],
             cell: [0; PLACES],
             mean: 0.0,
+            lamps: Vec::new(),
         };
         for k in 0..clusters.count().min(PLACES) {
             let patch = clusters.patch(k);
@@ -54,7 +61,24 @@ impl<'a> FrameLight<'a> {
             frame_light.cell[k] = cell_of(direction) as u16;
             frame_light.mean += patch.flux / (4.0 * std::f32::consts::PI);
         }
+        for k in 0..clusters.count().min(PLACES) {
+            let patch = clusters.patch(k);
+            let radiance = patch.flux / (std::f32::consts::PI * patch.radius * patch.radius);
+            if radiance > LAMP * frame_light.mean {
+                let direction = frame_light.places.direction(k);
+                frame_light.lamps.push((direction, patch.radius));
+            }
+        }
         frame_light
+    }
+
+    /// Whether some of a lamp may lie above the horizon of one normal and below that of another, both unit
+    /// and in the object frame.
+    #[inline]
+    pub(super) fn has_lamp_between(&self, normal: Vec3, side: Vec3) -> bool {
+        self.lamps
+            .iter()
+            .any(|(lamp, radius)| lamp.dot(normal) > -radius && lamp.dot(side) < *radius)
     }
 
     /// A direction of the object frame as the probe names it.

@@ -133,7 +133,10 @@ impl Illuminated<'_> {
 
             // What tables tell, and one direction for the rest, if that matters.
             let from_above = side.dot(ray.direction) < 0.0;
-            let open = (patch.convex && from_above).then(&tabulated_lobe).flatten();
+            // Asked for by chance, a lamp that the triangle hides would be a black pixel now and then.
+            let by_tables =
+                patch.convex && from_above && !self.light.has_lamp_between(frame.normal, side);
+            let open = by_tables.then(&tabulated_lobe).flatten();
             let (u, other) = as_points(path.next_4d());
             let (direction, wi, density, held);
             if let Some(lobe) = open {

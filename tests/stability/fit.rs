@@ -88,7 +88,8 @@ fn few_frames_are_fitted_with_a_status() {
 fn saturated_samples_are_no_data() {
     let sensor = "[sensor]\nfull_well_electrons = 30000.0\nread_noise_electrons = 5.0\nbits = 12\nexposure = 1e6\n";
     let [converged, unidentifiable, at_bound, few, unseen, saturated] =
-        endings(&fitted(&turning(&lamp_and_sky(), 6, sensor)));
+        // Light without a lamp: what a facet of so coarse a sphere hides of one can leave a pixel black.
+        endings(&fitted(&turning(&grey(8, 4, 1.0), 6, sensor)));
     assert_eq!(
         (converged, unidentifiable, at_bound, few),
         (0, 0, 0, 0),
