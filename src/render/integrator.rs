@@ -58,8 +58,8 @@ impl PixelGuides {
 }
 
 impl Illuminated<'_> {
-    /// Radiance along a camera ray that met the object at `hit`, linear RGB: an unbiased estimate,
-    /// which may be negative where the object hides light that the table holds.
+    /// Radiance along a camera ray that met the object at `hit`, linear RGB: an estimate unbiased
+    /// but for the tables' errors, which may be negative where the object hides light that the table holds.
     pub(super) fn radiance(
         &self,
         ray: Ray,
