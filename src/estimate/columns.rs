@@ -15,8 +15,9 @@ use super::fresnel_model::{Basis, FresnelModel};
 use super::interreflection::Glow;
 use super::light_cut::{Lobe, LobeCut, Seen, diffuse_cut, to_object};
 use super::lobe_cells::LobeCells;
+use super::lobe_table::Stencil;
 use super::visibility::Visibility;
-use super::widening::{Cubic, Widening};
+use super::widening::Widening;
 use crate::probe::{LightNode, LightPyramid, SplitLight};
 use crate::traces::{Observation, Trace};
 
@@ -35,6 +36,11 @@ const WINDOW_NODES: usize = 512;
 /// `traces_between_roughnesses_are_those_of_the_integral`).
 pub(super) fn roughness(k: usize) -> f32 {
     RANGE.0 * (RANGE.1 / RANGE.0).powf(k as f32 / (ROUGHNESSES - 1) as f32)
+}
+
+/// Step of the grid in `ln alpha`.
+pub(super) fn ln_step() -> f64 {
+    (f64::from(RANGE.1) / f64::from(RANGE.0)).ln() / (ROUGHNESSES - 1) as f64
 }
 
 /// The traces of a point for unit albedos, `[observations]`.
@@ -460,11 +466,12 @@ impl Columns {
             observations.for_each(|i| visit(i, Vec3::ZERO, Vec3::ZERO));
             return;
         };
-        let Cubic {
+        let Stencil {
             first,
             value,
             slope,
-        } = Cubic::at(ln_alpha);
+        } = Stencil::at(f64::from(ln_alpha));
+        let [value, slope] = [value, slope].map(|weights| weights.map(|weight| weight as f32));
         let n = self.observations;
         let nodes = &self.specular[ndf][column][3 * first * n..];
         for i in observations {

@@ -12,7 +12,7 @@
 //! pixels' patches are curved, the traces at the nodes are those of the widened lobe, and the cubic runs
 //! through them.
 
-use super::columns::{ROUGHNESSES, roughness};
+use super::columns::{RANGE, ROUGHNESSES, ln_step};
 use super::least_squares::Normal;
 
 /// Nodes of a cubic.
@@ -26,11 +26,18 @@ pub(super) struct Stencil {
 }
 
 impl Stencil {
-    /// Lagrange's cubic through the four nodes about `ln_alpha`.
+    /// Lagrange's cubic through the four nodes about `ln_alpha`. Beyond the grid a trace stays as it is at
+    /// the end.
     pub(super) fn at(ln_alpha: f64) -> Self {
-        let low = f64::from(roughness(0)).ln();
-        let step = (f64::from(roughness(ROUGHNESSES - 1)).ln() - low) / (ROUGHNESSES - 1) as f64;
-        let x = ((ln_alpha - low) / step).clamp(0.0, (ROUGHNESSES - 1) as f64);
+        let step = ln_step();
+        let place = (ln_alpha - f64::from(RANGE.0).ln()) / step;
+        let x = place.clamp(0.0, (ROUGHNESSES - 1) as f64);
+        // A place at the end may lie past it by rounding.
+        let per_step = if (x - place).abs() < 1e-6 {
+            1.0 / step
+        } else {
+            0.0
+        };
         let k = (x as usize).clamp(1, ROUGHNESSES - 3);
         let t = x - k as f64;
         let (a, b, c, d) = (t + 1.0, t, t - 1.0, t - 2.0);
@@ -43,11 +50,12 @@ impl Stencil {
                 a * b * c / 6.0,
             ],
             slope: [
-                -(c * d + b * d + b * c) / (6.0 * step),
-                (c * d + a * d + a * c) / (2.0 * step),
-                -(b * d + a * d + a * b) / (2.0 * step),
-                (b * c + a * c + a * b) / (6.0 * step),
-            ],
+                -(c * d + b * d + b * c) / 6.0,
+                (c * d + a * d + a * c) / 2.0,
+                -(b * d + a * d + a * b) / 2.0,
+                (b * c + a * c + a * b) / 6.0,
+            ]
+            .map(|weight| weight * per_step),
         }
     }
 }

@@ -22,23 +22,20 @@ use std::sync::LazyLock;
 
 use glam::Vec3;
 
-use super::columns::{RANGE, ROUGHNESSES, roughness};
+use super::columns::{RANGE, ROUGHNESSES, ln_step, roughness};
+use super::lobe_table::Stencil;
 use crate::brdf::Ndf;
-
-/// Step of the grid in `ln alpha`.
-fn step() -> f32 {
-    (RANGE.1 / RANGE.0).ln() / (ROUGHNESSES - 1) as f32
-}
 
 /// `[roughness of GGX][roughness of Beckmann]` the mixture; lobes narrower than the grid's count as its
 /// narrowest, and wider ones do not change.
 static MIXTURE: LazyLock<[[f32; ROUGHNESSES]; ROUGHNESSES]> = LazyLock::new(|| {
+    let step = ln_step() as f32;
     std::array::from_fn(|k| {
         let mut weights: [f32; ROUGHNESSES] = std::array::from_fn(|j| {
             let r = roughness(k) / roughness(j);
-            2.0 * r * r * (-r * r).exp() * step()
+            2.0 * r * r * (-r * r).exp() * step
         });
-        let beyond = roughness(k) / RANGE.0 * (0.5 * step()).exp();
+        let beyond = roughness(k) / RANGE.0 * (0.5 * step).exp();
         weights[0] += (-beyond * beyond).exp();
         weights
     })
@@ -50,7 +47,7 @@ const UNNOTICED: f32 = 1e-4;
 /// What a patch does to the lobes of the grid.
 pub(super) struct Widening {
     /// `[roughness]` where each widened lobe of Beckmann's lies in the grid; none if nothing changes.
-    places: Option<[Cubic; ROUGHNESSES]>,
+    places: Option<[Stencil; ROUGHNESSES]>,
 }
 
 impl Widening {
@@ -58,7 +55,9 @@ impl Widening {
     pub(super) fn of(normal_variance: f32) -> Self {
         let place = |k: usize| {
             let alpha = roughness(k);
-            Cubic::at(0.5 * (alpha * alpha + 2.0 * normal_variance).ln())
+            Stencil::at(f64::from(
+                0.5 * (alpha * alpha + 2.0 * normal_variance).ln(),
+            ))
         };
         let is_noticed = normal_variance > UNNOTICED * RANGE.0 * RANGE.0;
         Self {
@@ -74,7 +73,7 @@ impl Widening {
         let [beckmann, ggx] = [Ndf::Beckmann, Ndf::Ggx].map(|ndf| &flat[ndf as usize]);
         let widened: [Vec3; ROUGHNESSES] = std::array::from_fn(|k| {
             let nodes = beckmann[places[k].first..].iter().zip(&places[k].value);
-            nodes.map(|(node, weight)| *node * *weight).sum()
+            nodes.map(|(node, weight)| *node * *weight as f32).sum()
         });
         let mut blurred = *ggx;
         for (blurred, weights) in blurred.iter_mut().zip(MIXTURE.iter()) {
@@ -87,46 +86,6 @@ impl Widening {
         lobes[Ndf::Beckmann as usize] = widened;
         lobes[Ndf::Ggx as usize] = blurred;
         lobes
-    }
-}
-
-/// Lagrange's cubic in `ln alpha` through four neighbours of the grid. Beyond the grid a trace stays as it
-/// is at the end.
-pub(super) struct Cubic {
-    /// Number of the first neighbour.
-    pub(super) first: usize,
-    /// Weights of the value.
-    pub(super) value: [f32; 4],
-    /// Weights of the derivative by `ln alpha`.
-    pub(super) slope: [f32; 4],
-}
-
-impl Cubic {
-    pub(super) fn at(ln_alpha: f32) -> Self {
-        let step = (RANGE.1 / RANGE.0).ln() / (ROUGHNESSES - 1) as f32;
-        let place = (ln_alpha - RANGE.0.ln()) / step;
-        let x = place.clamp(0.0, (ROUGHNESSES - 1) as f32);
-        let per_step = if x == place { 1.0 / step } else { 0.0 };
-        let k = (x as usize).clamp(1, ROUGHNESSES - 3);
-        let t = x - k as f32;
-        // Neighbours at −1, 0, 1, 2.
-        let (a, b, c, d) = (t + 1.0, t, t - 1.0, t - 2.0);
-        Self {
-            first: k - 1,
-            value: [
-                -b * c * d / 6.0,
-                a * c * d / 2.0,
-                -a * b * d / 2.0,
-                a * b * c / 6.0,
-            ],
-            slope: [
-                -(c * d + b * d + b * c) / 6.0,
-                (c * d + a * d + a * c) / 2.0,
-                -(b * d + a * d + a * b) / 2.0,
-                (b * c + a * c + a * b) / 6.0,
-            ]
-            .map(|weight| weight * per_step),
-        }
     }
 }
 

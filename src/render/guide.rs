@@ -51,6 +51,15 @@ pub(super) fn cells_as_places() -> Places {
     places
 }
 
+/// What a guide is asked to look for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wanted {
+    /// Whether paths go on: light of the object itself.
+    pub(super) indirect: bool,
+    /// Whether there is a table of the lobe's answer, so that it need not be sampled.
+    pub(super) lobe_table: bool,
+}
+
 /// Where samples of one surface point go.
 #[derive(Clone)]
 pub(super) struct Guide {
@@ -73,16 +82,18 @@ pub(super) struct Guide {
 }
 
 impl Guide {
-    /// Weighs the light for a surface on a patch. `indirect` tells whether paths go on, `lobe_table`
-    /// whether there is a table of the lobe's answer; `blockage`
-    /// knows better than the patch how likely a direction of a cell is blocked, and `occluded`,
-    /// where it is worth it, whether the middle of a patch of light is hidden from this very point.
+    /// Weighs the light for a surface on a patch. `blockage` knows better than the patch how likely a
+    /// direction of a cell is blocked, and `occluded`, where it is worth it, whether the middle of a patch
+    /// of light is hidden from this very point.
     pub(super) fn new(
         surface: &Surface<'_>,
         patch: &Patch,
         light: &FrameLight<'_>,
         cells: &Places,
-        (indirect, lobe_table): (bool, bool),
+        Wanted {
+            indirect,
+            lobe_table,
+        }: Wanted,
         blockage: &dyn Fn(Vec3, usize) -> f32,
         mut occluded: Option<&mut dyn FnMut(Vec3) -> bool>,
     ) -> Self {
@@ -353,8 +364,11 @@ mod tests {
                     matte: false,
                 };
                 let known = |_: Vec3, cell: usize| patch.blocked[cell];
-                let paths = (indirect, false);
-                let guide = Guide::new(&surface, &patch, &light, &cells, paths, &known, None);
+                let wanted = Wanted {
+                    indirect,
+                    lobe_table: false,
+                };
+                let guide = Guide::new(&surface, &patch, &light, &cells, wanted, &known, None);
                 let n = 1 << 16;
                 let mut octants = [(0.0f64, 0.0f64); 4];
                 for index in 0..n {
@@ -413,7 +427,10 @@ mod tests {
             &patch,
             &light,
             &cells_as_places(),
-            (true, false),
+            Wanted {
+                indirect: true,
+                lobe_table: false,
+            },
             &known,
             None,
         );

@@ -16,7 +16,7 @@ use glam::{Mat3, Vec2, Vec3};
 
 use super::expected_lobe::Surface;
 use super::frame_light::FrameLight;
-use super::guide::Guide;
+use super::guide::{Guide, Wanted};
 use super::lune::Lune;
 use super::patches::Patches;
 use super::{RenderStats, Skip, Skips, Stage};
@@ -172,7 +172,10 @@ impl Illuminated<'_> {
                         .lobe
                         .as_ref()
                         .is_some_and(|table| table.serves(wo.0.z));
-                let paths = (go_on, lobe_table);
+                let wanted = Wanted {
+                    indirect: go_on,
+                    lobe_table,
+                };
                 let own;
                 let guide = if bounce == 1 {
                     guides.of(number, &surface, || {
@@ -181,10 +184,10 @@ impl Illuminated<'_> {
                         } else {
                             Some(&mut occluded)
                         };
-                        Guide::new(&surface, patch, light, cells, paths, &blockage, ask)
+                        Guide::new(&surface, patch, light, cells, wanted, &blockage, ask)
                     })
                 } else {
-                    own = Guide::new(&surface, patch, light, cells, paths, &blockage, None);
+                    own = Guide::new(&surface, patch, light, cells, wanted, &blockage, None);
                     &own
                 };
 
