@@ -1,6 +1,6 @@
 """Parameter error over time: `turnlight fit` and Mitsuba 3's differentiable renderer on the same images.
 
-    target/validation/venv/bin/python validation/bench_inverse.py [--quick] [--size N] [--growth] [--out FOLDER]
+    target/validation/venv/bin/python validation/bench_inverse.py [--quick] [--size N] [--out FOLDER]
 
 Two objects, a sphere and Suzanne (whose charts are turnlight's), each with 256² maps of rho_d (RGB),
 rho_s (neutral) and alpha, Beckmann, under the interior probe; Mitsuba renders 36 frames of 256² (direct
@@ -20,9 +20,7 @@ would render them with; `all` is the geometric mean of the three, each relative 
 "Times faster" is Mitsuba's time over turnlight's, to turnlight's error ("over" where Mitsuba did not get
 there in the time it had, which is at least turnlight's) and to the least that Mitsuba reached.
 
-`--growth` instead measures turnlight's time and memory over texels, frames, triangles and threads.
-
-Writes bench_inverse.json, .svg and .md (or bench_inverse_growth.*) to FOLDER (target/validation).
+Writes bench_inverse.json, .svg and .md to FOLDER (target/validation).
 """
 
 import argparse
@@ -31,7 +29,6 @@ import math
 import os
 import platform
 import shutil
-import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -42,8 +39,11 @@ import check_fit
 import check_images
 import exr_files
 import turnlight_example
+from bench_fit_scale import fit
+from bench_render import geometric_mean
 from bench_scale import write_mesh
-from check_images import ROOT, TURNLIGHT, derive_scene
+from check_images import ROOT, derive_scene
+from log_plots import page, panel
 from mitsuba_env import mi
 
 import drjit as dr  # after mitsuba_env has found LLVM
@@ -136,24 +136,6 @@ def make_capture(name, scene, plan, folder, cache):
     for frame, image in enumerate(images):
         shutil.copyfile(image, capture / "images" / f"{frame:04}.exr")
     return capture
-
-
-def fit(capture, out, *options):
-    """Wall seconds and peak MiB of a fit, and what it says of its own time."""
-    stats = out.with_suffix(".json")
-    words = [TURNLIGHT, "--quiet", "--stats", stats, "fit", capture, "--out", out, *options]
-    start = time.perf_counter()
-    process = subprocess.Popen([str(word) for word in words])
-    peak = 0
-    while process.poll() is None:
-        for line in Path(f"/proc/{process.pid}/status").read_text().splitlines():
-            if line.startswith("VmHWM"):
-                peak = max(peak, int(line.split()[1]))
-        time.sleep(0.01)
-    seconds = time.perf_counter() - start
-    if process.returncode != 0:
-        raise RuntimeError(f"turnlight fit ended with {process.returncode}")
-    return seconds, peak / 1024, json.loads(stats.read_text())["timings"]
 
 
 def own_maps(out):
@@ -418,10 +400,6 @@ def print_line(name, label, seconds, found):
     print(f"{name:8} {label:52} {seconds:7.1f} s: {told}", flush=True)
 
 
-def geometric_mean(values):
-    return float(np.exp(np.mean(np.log(values))))
-
-
 def table(rows):
     lines = ["| object | estimator | seconds | rho_d | rho_s | alpha |", "|---|---|---|---|---|---|"]
 
@@ -455,51 +433,6 @@ def table(rows):
     return "\n".join(lines) + "\n"
 
 
-def decades(values):
-    """The powers of ten around positive values."""
-    low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)))
-    return low, max(high, low + 1)
-
-
-def panel(left, top, wide, high, title, lines):
-    """A log-log plot; `lines` are (colour, marked, [(x, y)])."""
-    x_low, x_high = decades([x for *_, points in lines for x, _ in points])
-    y_low, y_high = decades([y for *_, points in lines for _, y in points])
-    inner = (left + 44, top + 22, wide - 58, high - 52)
-    parts = [
-        f'<text x="{inner[0]}" y="{top + 14}">{title}</text>',
-        '<rect x="{}" y="{}" width="{}" height="{}" fill="none" stroke="#999"/>'.format(*inner),
-    ]
-
-    def place(x, y):
-        along = (math.log10(x) - x_low) / (x_high - x_low)
-        up = (math.log10(y) - y_low) / (y_high - y_low)
-        return inner[0] + along * inner[2], inner[1] + (1 - up) * inner[3]
-
-    for power in range(x_low, x_high + 1):
-        x, y = place(10.0**power, 10.0**y_low)
-        parts.append(f'<text x="{x:.0f}" y="{y + 14:.0f}" text-anchor="middle">{10.0**power:g}</text>')
-    for power in range(y_low, y_high + 1):
-        x, y = place(10.0**x_low, 10.0**power)
-        parts.append(f'<text x="{x - 4:.0f}" y="{y + 3:.0f}" text-anchor="end">{10.0**power:g}</text>')
-    for colour, marked, points in lines:
-        places = [place(*point) for point in points]
-        if marked:
-            parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in places]
-        if len(places) > 1:
-            path = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
-            parts.append(f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="1.5"/>')
-    return parts
-
-
-def page(wide, high, heading, parts):
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide}" height="{high}" font-family="sans-serif" '
-        f'font-size="10"><rect width="100%" height="100%" fill="white"/><text x="8" y="14">{heading}</text>'
-    )
-    return "\n".join([head, *parts, "</svg>"]) + "\n"
-
-
 def plot(rows):
     wide, high = 250, 210
     parts = []
@@ -522,78 +455,9 @@ def plot(rows):
     return page(wide * 4, 20 + high * len(rows), heading, parts)
 
 
-# What grows, from the first entry of each: texels along a side, frames, triangles, threads.
-GROWTH = {
-    "texels": (32, 64, 128, 256),
-    "frames": (9, 18, 36, 72),
-    "triangles": (5_000, 20_000, 80_000, 320_000),
-    "threads": (1, 2),
-}
-GROWTH_BASE = {"texels": 64, "frames": 18, "triangles": 20_000, "threads": os.cpu_count()}
-
-
-def growth(quick):
-    """Rows of a sphere without texture coordinates, rendered by turnlight at 128²."""
-    rows = []
-    for what, steps in GROWTH.items():
-        for step in steps[:2] if quick else steps:
-            plan = {**GROWTH_BASE, what: step}
-            with tempfile.TemporaryDirectory() as temporary:
-                folder = Path(temporary)
-                write_mesh(folder / "mesh.ply", plan["triangles"], bumps=0.0)
-                scene = derive_scene(
-                    "sphere-plastic",
-                    folder / "scene.toml",
-                    object={"mesh": "mesh.ply"},
-                    material={"ndf": "beckmann", "alpha": 0.2, "rho_d": [0.4, 0.3, 0.2], "rho_s": 1.0},
-                    probe={"image": str(PROBE)},
-                    camera={"width": 128, "height": 128, **CAMERA},
-                    turntable={"frames": plan["frames"]},
-                )
-                capture = folder / "capture"
-                check_images.turnlight("render", scene, "--spp", 16, "--max-depth", 2, "--out", capture)
-                words = ("--points", f"texels={plan['texels']}", "--ndf", "beckmann")
-                seconds, mebibytes, timings = fit(
-                    capture, folder / "fit", *words, "--threads", plan["threads"]
-                )
-                with np.load(folder / "fit" / "points.npz") as points:
-                    count, seen = len(points["frames"]), int((points["frames"] > 0).sum())
-            row = {"grows": what, **plan, "points": count, "seen": seen, "seconds": seconds}
-            rows.append(row | {"mebibytes": mebibytes, "timings": timings})
-            told = ", ".join(f"{key} {value:.2f}" for key, value in timings.items())
-            print(f"{what:10} {step:7}: {count:7} points, {seconds:6.2f} s ({told}), {mebibytes:.0f} MiB", flush=True)
-    return rows
-
-
-def growth_table(rows):
-    lines = ["| what grows | points | seconds: all / load / traces / fit | MiB |", "|---|---|---|---|"]
-    for row in rows:
-        parts = " / ".join(f"{row['timings'][key]:.2f}" for key in ("load", "traces", "fit"))
-        lines.append(
-            f"| {row[row['grows']]} {row['grows']} | {row['points']} | {row['seconds']:.2f} / {parts} | {row['mebibytes']:.0f} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def growth_plot(rows):
-    wide, high = 250, 210
-    parts = []
-    for j, what in enumerate(GROWTH):
-        chosen = [row for row in rows if row["grows"] == what]
-        across = "points" if what == "texels" else what
-        lines = [
-            ("#c33", True, [(row[across], row["seconds"]) for row in chosen]),
-            ("#26c", True, [(row[across], max(row["timings"]["fit"], 1e-3)) for row in chosen]),
-        ]
-        parts += panel(wide * j, 20, wide, high, f"over {across}", lines)
-    heading = "turnlight fit, seconds: <tspan fill='#c33'>the command</tspan>, <tspan fill='#26c'>the estimation</tspan>"
-    return page(wide * len(GROWTH), 20 + high, heading, parts)
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small images and short runs")
-    parser.add_argument("--growth", action="store_true", help="over points, frames, triangles and threads instead")
     parser.add_argument("--size", type=int, metavar="N", help="images and maps of N² instead")
     parser.add_argument("--nodes", metavar="N,N", help="light nodes of turnlight's fits, its effort settings")
     parser.add_argument("--seconds", type=float, help="Mitsuba's time in the last stage")
@@ -610,16 +474,6 @@ def main():
     options.out.mkdir(parents=True, exist_ok=True)
     machine = {"cores": os.cpu_count(), "machine": platform.machine(), "mitsuba": mi.__version__}
 
-    def write(name, rows, text, picture):
-        (options.out / f"{name}.json").write_text(json.dumps({**machine, "rows": rows}, indent=1) + "\n")
-        (options.out / f"{name}.svg").write_text(picture)
-        (options.out / f"{name}.md").write_text(text)
-        print(text)
-
-    if options.growth:
-        rows = growth(options.quick)
-        write("bench_inverse_growth", rows, growth_table(rows), growth_plot(rows))
-        return
     plan = dict(QUICK if options.quick else FULL)
     if options.size:
         plan["size"] = plan["texels"] = options.size
@@ -632,7 +486,10 @@ def main():
         if options.only in name:
             with tempfile.TemporaryDirectory() as folder:
                 rows.append(bench_object(name, plan, options.cache, Path(folder)))
-    write("bench_inverse", rows, table(rows), plot(rows))
+    (options.out / "bench_inverse.json").write_text(json.dumps({**machine, "rows": rows}, indent=1) + "\n")
+    (options.out / "bench_inverse.svg").write_text(plot(rows))
+    (options.out / "bench_inverse.md").write_text(table(rows))
+    print(table(rows))
 
 
 if __name__ == "__main__":

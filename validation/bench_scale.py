@@ -79,8 +79,13 @@ def run(plan, folder):
         f"[turntable]\nframes = {plan['frames']}\n"
     )
     words = [TURNLIGHT, "--quiet", "render", folder / "scene.toml", "--spp", 4, "--max-depth", 3]
+    return measured([*words, "--out", folder / "out"])
+
+
+def measured(words):
+    """Wall seconds and peak MiB of a command."""
     start = time.perf_counter()
-    process = subprocess.Popen([str(word) for word in [*words, "--out", folder / "out"]])
+    process = subprocess.Popen([str(word) for word in words])
     # Asked while it runs: what wait4 tells begins with this program's own memory.
     peak = 0
     while process.poll() is None:
