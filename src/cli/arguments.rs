@@ -205,7 +205,7 @@ pub(super) struct FitChoices {
     #[arg(long, default_value = "vertices", value_parser = points)]
     pub(super) points: PointsChoice,
     /// Rounds of interreflection; 0 takes the object's own light as black.
-    #[arg(long, default_value_t = 3)]
+    #[arg(long, default_value_t = 2)]
     pub(super) interreflections: u32,
     /// About how many light nodes an observation gets: more is slower and closer.
     #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=1 << 20))]

@@ -13,7 +13,7 @@ use glam::{Mat3, Vec3};
 
 use super::fresnel_model::{Basis, FresnelModel};
 use super::interreflection::Glow;
-use super::light_cut::{Lobe, LobeCut, Seen, diffuse_cut, to_object};
+use super::light_cut::{Lobe, LobeCut, Seen, diffuse_cut, to_object, usual_threshold};
 use super::lobe_cells::LobeCells;
 use super::lobe_table::Stencil;
 use super::visibility::Visibility;
@@ -26,6 +26,8 @@ pub(super) const ROUGHNESSES: usize = 28;
 /// Ends of the range of roughness: below 0.01 a lobe is narrower than a probe's texels.
 pub(super) const RANGE: (f32, f32) = (0.01, 1.0);
 
+/// The narrowest roughness that cuts resolve.
+const SMALLEST_ALPHA: f32 = 0.5 * RANGE.0;
 /// Nodes for the lamps in diffuse reflection.
 const DIFFUSE_LAMPS: usize = 128;
 /// Nodes for all light in diffuse reflection within the paper's window.
@@ -67,6 +69,8 @@ pub(super) struct ForwardModel<'a> {
     fresnel: FresnelModel,
     /// About how many light nodes an observation gets.
     pub(super) light_nodes: usize,
+    /// Where an observation's cut through the light begins.
+    threshold: f32,
     /// Whether the normals' variance over a pixel widens the lobe.
     footprints: bool,
     /// Lamps for diffuse reflection, world frame.
@@ -140,6 +144,7 @@ impl<'a> ForwardModel<'a> {
             world_from_object,
             fresnel,
             light_nodes,
+            threshold: usual_threshold(&light.whole, light_nodes, SMALLEST_ALPHA),
             footprints: true,
             lamps: arrivals(&light.lamps, DIFFUSE_LAMPS),
             window: None,
@@ -242,7 +247,7 @@ impl<'a> ForwardModel<'a> {
             lobe,
         } = scratch;
         columns.clear(self.fresnel.bases(), trace.observations.len());
-        lobe.cut.restart();
+        lobe.cut.restart(self.threshold);
         let by_frame = || trace.observations.chunk_by(|a, b| a.frame == b.frame);
         frames.clear();
         frames.extend(by_frame().map(|observations| observations[0].frame as usize));
@@ -311,7 +316,7 @@ impl<'a> ForwardModel<'a> {
         let lobe = Lobe {
             wo,
             normal,
-            smallest_alpha: 0.5 * RANGE.0,
+            smallest_alpha: SMALLEST_ALPHA,
         };
         gather(
             self.light,
@@ -370,9 +375,9 @@ pub(super) fn open_lobe(
     let lobe = Lobe {
         wo: normal,
         normal,
-        smallest_alpha: 0.5 * RANGE.0,
+        smallest_alpha: SMALLEST_ALPHA,
     };
-    scratch.cut.restart();
+    scratch.cut.restart(0.0);
     gather(light, fresnel, light_nodes, &lobe, scratch, |_| 1.0);
     scratch.cells.sums(0, 1.0)
 }

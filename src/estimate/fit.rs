@@ -13,6 +13,7 @@ use super::model_choice::Shares;
 use super::noise::NoiseModel;
 use super::pooling::{self, PointProfile};
 use super::problem::Model;
+use super::representatives::representatives;
 use super::tabulated::{Known, TabulatedNdf, tabulate};
 use super::unknown_light::{EstimatedLight, estimate_light};
 use super::visibility::Visibility;
@@ -193,8 +194,8 @@ fn fit_in_full(
     let concave = |index: usize| !visibilities[index].blocked().is_empty();
     let any_concave = (0..visibilities.len()).any(concave);
 
-    // A first fit by one observation a frame and a quarter of the light nodes, in rounds: it predicts
-    // the object's own light, for which errors of some per cent do not matter.
+    // A first fit of some points by one observation a frame and a quarter of the light nodes, in rounds:
+    // it predicts the object's own light, for which errors of some per cent do not matter.
     let coarse = model.with_nodes(settings.light_nodes / 4);
     let own_light = any_concave && settings.interreflections > 0;
     let gloss = own_light.then(|| Gloss::new(model.light, settings.fresnel));
@@ -219,6 +220,7 @@ fn fit_in_full(
     let sampled: Vec<Trace> = (traces.traces.iter())
         .map(|trace| trace.sample(FIRST_FRAMES))
         .collect();
+    let stands = representatives(&sampled, neighbours);
     let mut first = vec![(Estimate::without_data(Status::Unseen, 0), Vec::new()); sampled.len()];
     let rounds = if own_light {
         settings.interreflections
@@ -227,7 +229,8 @@ fn fit_in_full(
     };
     for round in 0..rounds {
         // Later rounds change only what sees the object.
-        let again = |index: usize| round == 0 || concave(index);
+        let stands_for_itself = |index: usize| stands[index] as usize == index;
+        let again = |index: usize| stands_for_itself(index) && (round == 0 || concave(index));
         let fitted = (0..sampled.len()).filter(|&index| again(index));
         stats.observations += observations(fitted.map(|index| &sampled[index]));
         first
@@ -246,17 +249,19 @@ fn fit_in_full(
         noise = NoiseModel::of_residuals(&residuals, traces.noise_is_known);
         if let Some(scene) = &scene {
             let eta = settings.fresnel.eta();
-            let first = first.iter().map(|(estimate, _)| estimate.under(eta));
-            let estimates: Vec<Estimate> = first.collect();
+            let estimates: Vec<Estimate> = (stands.iter())
+                .map(|&index| first[index as usize].0.under(eta))
+                .collect();
             glow = Some(Glow::new(scene, &estimates, glow.as_ref()));
         }
     }
 
     // All observations, once, in that light. The noise of pixels that a sensor's model knows is
     // independent, so that those may be joined which a point's lobe cannot tell apart.
-    let joined: Vec<Cow<'_, Trace>> = (traces.traces.par_iter().zip(&first))
-        .map(|(trace, (estimate, _))| {
-            let spread = (JOINED_SPREAD * least_alpha(estimate)).min(LARGEST_SPREAD);
+    let joined: Vec<Cow<'_, Trace>> = (traces.traces.par_iter().zip(&stands))
+        .map(|(trace, &index)| {
+            let least_alpha = least_alpha(&first[index as usize].0);
+            let spread = (JOINED_SPREAD * least_alpha).min(LARGEST_SPREAD);
             let joined = traces.noise_is_known.then(|| trace.joined(spread));
             joined.map_or(Cow::Borrowed(trace), Cow::Owned)
         })

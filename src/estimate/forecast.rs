@@ -151,7 +151,7 @@ impl Forecaster {
                             normal,
                             smallest_alpha: 0.5 * FORECAST_ALPHAS[0],
                         };
-                        cut.restart();
+                        cut.restart(0.0);
                         cut.visit(pyramid, NODES, &lobe, |seen| {
                             sight.add_lobe(seen.node.direction, seen.node.flux, &plan);
                         });

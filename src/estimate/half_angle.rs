@@ -180,7 +180,7 @@ pub(super) fn columns(
     scratch: &mut Scratch,
 ) -> Vec<[Vec3; STEPS]> {
     let given = Given::new(estimate);
-    scratch.cut.restart();
+    scratch.cut.restart(0.0);
     let mut columns = Vec::with_capacity(trace.observations.len());
     for observations in trace.observations.chunk_by(|a, b| a.frame == b.frame) {
         scratch.glow.clear();

@@ -6,8 +6,9 @@
 //! are split: small bright lights and the neighbourhood of the mirror direction are resolved, everything
 //! else is summed up. The nodes serve every roughness and both NDFs, so the sums are smooth in alpha.
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
+use crate::geometry::direction_from_octahedral;
 use crate::probe::{LightNode, LightPyramid};
 
 /// What a cut is made for.
@@ -37,18 +38,50 @@ pub(super) struct Seen<'n> {
 /// A cut through the light's quadtree for one lobe after the other.
 #[derive(Default)]
 pub(super) struct LobeCut {
-    /// Error above which a node is split; zero before the first cut.
+    /// Error above which a node is split; zero where nothing is known of it.
     threshold: f32,
+    /// Rounds in which it is found for the next lobe.
+    rounds: usize,
     waiting: Vec<u32>,
 }
 
-/// Rounds in which the first cut's threshold is found.
+/// Rounds in which a threshold is found from nothing.
 const FIRST_ROUNDS: usize = 6;
+/// Lobes along a side of the octahedral grid of which a light's usual threshold is the mean.
+const USUAL_LOBES: usize = 6;
+
+/// The threshold, in the geometric mean over lobes seen face on, of cuts of about `budget` nodes.
+pub(super) fn usual_threshold(
+    pyramid: &LightPyramid,
+    budget: usize,
+    smallest_alpha: f32,
+) -> f32 {
+    let mut cut = LobeCut::default();
+    let ln_threshold = |index: usize| {
+        let place = Vec2::new(
+            (index % USUAL_LOBES) as f32 + 0.5,
+            (index / USUAL_LOBES) as f32 + 0.5,
+        );
+        let normal = direction_from_octahedral(place / USUAL_LOBES as f32);
+        let lobe = Lobe {
+            wo: normal,
+            normal,
+            smallest_alpha,
+        };
+        cut.restart(0.0);
+        cut.visit(pyramid, budget, &lobe, |_| ());
+        cut.threshold.ln()
+    };
+    let count = USUAL_LOBES * USUAL_LOBES;
+    let sum: f32 = (0..count).map(ln_threshold).sum();
+    (sum / count as f32).exp()
+}
 
 impl LobeCut {
-    /// Forgets the threshold: the next cut finds its own.
-    pub(super) fn restart(&mut self) {
-        self.threshold = 0.0;
+    /// The next cut begins at a threshold that is about right, or at zero, from nothing.
+    pub(super) fn restart(&mut self, threshold: f32) {
+        self.threshold = threshold;
+        self.rounds = 1;
     }
 
     /// Visits the nodes above the horizon of a cut of about `budget` nodes.
@@ -67,11 +100,12 @@ impl LobeCut {
                 .roots()
                 .map(|i| pyramid.nodes()[i].flux.element_sum());
             self.threshold = flux.sum::<f32>() / (budget * budget) as f32;
-            for _ in 0..FIRST_ROUNDS {
-                let mut count = 0;
-                self.walk(pyramid, lobe, |_| count += 1);
-                self.follow(count, budget);
-            }
+            self.rounds = FIRST_ROUNDS;
+        }
+        for _ in 0..std::mem::take(&mut self.rounds) {
+            let mut count = 0;
+            self.walk(pyramid, lobe, |_| count += 1);
+            self.follow(count, budget);
         }
         let mut count = 0;
         self.walk(pyramid, lobe, |seen| {

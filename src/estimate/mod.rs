@@ -34,6 +34,7 @@ mod objective;
 mod pooling;
 mod problem;
 mod refraction;
+mod representatives;
 mod search;
 mod tabulated;
 mod uncertainty;
@@ -146,7 +147,7 @@ impl Default for FitSettings {
             pool: Pooling::None,
             fresnel: FresnelModel::Dielectric { eta: 1.3 },
             light_nodes: 512,
-            interreflections: 3,
+            interreflections: 2,
             window: std::f32::consts::FRAC_PI_2,
         }
     }

@@ -224,34 +224,63 @@ impl NormalTable {
     /// The lobe's part when the diffuse albedos in `free` follow it and the others stay zero, and what
     /// the diffuse albedos then are: `rho_d = own − response · lobe`.
     pub(super) fn eliminate(&self, free: [bool; 3]) -> (LobeTable, DiffuseBeside) {
+        let alone = self.lobe_alone(free);
+        let follows = |i: usize| (alone.inverse * self.column(i)).as_vec3();
+        let [x, y, z] = [0, 1, 2].map(|c| alone.inverse.col(c)[c]);
+        let beside = DiffuseBeside {
+            own: alone.own,
+            variance: DVec3::new(x, y, z),
+            response: (0..ROUGHNESSES * self.lobe.size).map(follows).collect(),
+        };
+        (alone.lobe, beside)
+    }
+
+    /// The lobe's part when the diffuse albedos in `free` follow it and the others stay zero.
+    pub(super) fn lobe_alone(&self, free: [bool; 3]) -> LobeAlone {
         let m = self.lobe.size;
         let inverse = inverse_of(&self.diffuse, free);
         let b = DVec3::new(self.diffuse.b[0], self.diffuse.b[1], self.diffuse.b[2]);
         let own = inverse * b;
-        let column = |i: usize| DVec3::from_slice(&self.cross[3 * i..]);
         let mut lobe = self.lobe.clone();
         lobe.yy -= b.dot(own);
-        let mut response = Vec::with_capacity(ROUGHNESSES * m);
         for node in 0..ROUGHNESSES {
             for j in 0..m {
-                let follows = inverse * column(node * m + j);
+                let follows = inverse * self.column(node * m + j);
                 lobe.b[node * m + j] -= b.dot(follows);
-                response.push(follows);
                 for lag in 0..TAPS.min(node + 1) {
                     for l in 0..m {
                         let index = lobe.band_index(node, lag, l, j);
-                        lobe.band[index] -= column((node - lag) * m + l).dot(follows);
+                        lobe.band[index] -= self.column((node - lag) * m + l).dot(follows);
                     }
                 }
             }
         }
-        let beside = DiffuseBeside {
-            own,
-            variance: DVec3::new(inverse.x_axis.x, inverse.y_axis.y, inverse.z_axis.z),
-            response: response.iter().map(|r| r.as_vec3()).collect(),
-        };
-        (lobe, beside)
+        LobeAlone { lobe, inverse, own }
     }
+
+    /// Products of the diffuse traces with one of the lobe's, by node and parameter.
+    fn column(&self, i: usize) -> DVec3 {
+        DVec3::from_slice(&self.cross[3 * i..])
+    }
+
+    /// The diffuse albedos that follow a lobe, whatever their sign.
+    pub(super) fn diffuse_beside(&self, alone: &LobeAlone, ln_alpha: f64, lobe: &[f64]) -> DVec3 {
+        let stencil = Stencil::at(ln_alpha);
+        let products = lobe.iter().enumerate().map(|(j, height)| {
+            let at = |c| self.blend_cross(&stencil.value, stencil.first, j, c);
+            *height * DVec3::new(at(0), at(1), at(2))
+        });
+        alone.own - alone.inverse * products.sum::<DVec3>()
+    }
+}
+
+/// The lobe's part of a point's normal equations, the diffuse albedos following.
+pub(super) struct LobeAlone {
+    pub(super) lobe: LobeTable,
+    /// Inverse of the diffuse albedos' own matrix.
+    inverse: DMat3,
+    /// The diffuse albedos without a lobe.
+    own: DVec3,
 }
 
 /// Inverse of the diffuse albedos' normal matrix, rows and columns of those that are not free being

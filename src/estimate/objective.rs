@@ -14,7 +14,7 @@
 use glam::{BVec3, DMat3, DVec3};
 
 use super::least_squares::{Normal, UNKNOWNS};
-use super::normal_table::{NormalTable, Samples};
+use super::normal_table::{LobeAlone, NormalTable, Samples};
 use super::problem::{ActiveBounds, Model, Problem, Solution};
 
 /// Steps of Newton's method on the active bounds. The set settles in two to four; the count only
@@ -33,6 +33,8 @@ pub(super) struct Objective<'p, 'a> {
     pub(super) weights: Vec<f64>,
     /// All sums of the observations without a saturated channel.
     table: NormalTable,
+    /// The same with the diffuse albedos eliminated, where no bound can be active.
+    alone: Option<LobeAlone>,
 }
 
 impl<'p, 'a> Objective<'p, 'a> {
@@ -43,29 +45,43 @@ impl<'p, 'a> Objective<'p, 'a> {
             .iter()
             .for_each(|&i| whole[i].0 = DMat3::ZERO);
         let table = table(problem, model, &weights, &whole);
+        let unbounded = problem.saturated.is_empty();
         Self {
             problem,
             model,
             weights,
+            alone: unbounded.then(|| table.lobe_alone([true; 3])),
             table,
         }
     }
 
     /// All sums with given bounds taken as observations.
     pub(super) fn table_with(&self, active: &ActiveBounds) -> NormalTable {
+        if self.problem.saturated.is_empty() {
+            return self.table.clone();
+        }
         let precisions = self.problem.precisions(active);
         table(self.problem, self.model, &self.weights, &precisions)
     }
 
     /// The best albedos at one roughness.
     pub(super) fn solve(&self, ln_alpha: f64) -> Solution {
-        let whole = self.table.at(ln_alpha);
-        if self.problem.saturated.is_empty() {
-            let (x, value) = whole.solve();
-            Solution::new(&x, value, ActiveBounds::new())
+        let Some(alone) = &self.alone else {
+            return self.solve_bounded(self.table.at(ln_alpha), ln_alpha);
+        };
+        // Mostly no diffuse albedo is at zero, and the lobe's few are all that is to be found.
+        let (lobe, value) = alone.lobe.at(ln_alpha).solve();
+        let m = self.model.form.size();
+        let rho_d = self.table.diffuse_beside(alone, ln_alpha, &lobe[..m]);
+        let (x, value) = if rho_d.min_element() >= 0.0 {
+            let mut x = [0.0; UNKNOWNS];
+            x[..3].copy_from_slice(&rho_d.to_array());
+            x[3..3 + m].copy_from_slice(&lobe[..m]);
+            (x, value)
         } else {
-            self.solve_bounded(whole, ln_alpha)
-        }
+            self.table.at(ln_alpha).solve()
+        };
+        Solution::new(&x, value, ActiveBounds::new())
     }
 
     pub(super) fn value(&self, ln_alpha: f64) -> f64 {
