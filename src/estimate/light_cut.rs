@@ -51,11 +51,7 @@ const FIRST_ROUNDS: usize = 6;
 const USUAL_LOBES: usize = 6;
 
 /// The threshold, in the geometric mean over lobes seen face on, of cuts of about `budget` nodes.
-pub(super) fn usual_threshold(
-    pyramid: &LightPyramid,
-    budget: usize,
-    smallest_alpha: f32,
-) -> f32 {
+pub(super) fn usual_threshold(pyramid: &LightPyramid, budget: usize, smallest_alpha: f32) -> f32 {
     let mut cut = LobeCut::default();
     let ln_threshold = |index: usize| {
         let place = Vec2::new(

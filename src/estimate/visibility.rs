@@ -17,7 +17,9 @@ const COARSE: usize = 32;
 /// Cells across the finest grid: 1.4°.
 const FINE: usize = 128;
 /// Resolutions of the pyramid, finest first.
-const LEVELS: [usize; 5] = [128, 64, 32, 16, 8];
+const LEVELS: [usize; 5] = [FINE, 64, COARSE, 16, 8];
+/// Words of the finest level, a bit a cell.
+const WORDS: usize = FINE * FINE / 64;
 
 /// A patch of the object seen from a point.
 #[derive(Clone, Copy, Debug)]
@@ -42,11 +44,19 @@ pub(super) enum Visibility {
     Open,
     /// Something does.
     Partial {
-        /// `LEVELS[i]²` open share of each cell in 255ths; cells below the horizon count as open.
-        open: Box<[Vec<u8>; 5]>,
+        /// Open shares; cells below the horizon count as open.
+        open: Box<Shares>,
         /// What blocks, in patches of at most one coarse cell.
         blocked: Vec<BlockedPatch>,
     },
+}
+
+/// The open share of cells at every resolution.
+pub(super) struct Shares {
+    /// A bit a cell of the finest, row by row.
+    finest: [u64; WORDS],
+    /// `[level − 1][cell]` of the others, in 255ths.
+    coarser: [Vec<u8>; LEVELS.len() - 1],
 }
 
 /// Place of the coarse grid in [`LEVELS`].
@@ -126,17 +136,13 @@ impl Visibility {
             n = fine;
         }
 
-        let finest: Vec<u8> = cells
-            .iter()
-            .map(|&c| if c == Cell::Blocked { 0 } else { 255 })
-            .collect();
-        let open = Box::new(pyramid(finest));
+        let open = Box::new(Shares::new(&cells));
         let mut blocked = Vec::new();
         for (i, patch) in patches.iter().enumerate() {
             let Some((triangle, barycentric)) = *patch else {
                 continue;
             };
-            let share = 1.0 - f32::from(open[COARSE_LEVEL][i]) / 255.0;
+            let share = 1.0 - open.of(COARSE_LEVEL, i);
             if share > 0.0 {
                 let direction = centre(COARSE, i % COARSE, i / COARSE);
                 blocked.push(BlockedPatch {
@@ -167,7 +173,7 @@ impl Visibility {
                 let n = LEVELS[level];
                 let uv = octahedral_from_direction(direction) * n as f32;
                 let cell = |x: f32| (x as usize).min(n - 1);
-                f32::from(open[level][cell(uv.y) * n + cell(uv.x)]) / 255.0
+                open.of(level, cell(uv.y) * n + cell(uv.x))
             }
         }
     }
@@ -186,44 +192,66 @@ fn centre(n: usize, x: usize, y: usize) -> Vec3 {
     direction_from_octahedral(Vec2::new(x as f32 + 0.5, y as f32 + 0.5) / n as f32)
 }
 
-/// Whether a neighbour above the horizon differs.
+/// Whether a neighbour on one of the four sides differs, both above the horizon. Where a border passes a
+/// cell's corner, the two cells beside the corner see it, too.
 fn is_border(cells: &[Cell], n: usize, i: usize) -> bool {
+    let here = cells[i];
+    if here == Cell::Below {
+        return false;
+    }
+    let differs = |other: Cell| other != here && other != Cell::Below;
     let (x, y) = (i % n, i / n);
     if (1..n - 1).contains(&x) && (1..n - 1).contains(&y) {
-        let rows = [i - n - 1, i - 1, i + n - 1].map(|first| &cells[first..first + 3]);
-        let any = |cell| rows.iter().any(|row| row.contains(&cell));
-        return any(Cell::Open) && any(Cell::Blocked);
+        return [i - n, i - 1, i + 1, i + n]
+            .map(|j| cells[j])
+            .into_iter()
+            .any(differs);
     }
     // Over the edge of the octahedral square.
     let (x, y) = (x as isize, y as isize);
-    let (mut open, mut blocked) = (false, false);
-    for dy in -1..=1 {
-        for dx in -1..=1 {
-            match cells[octahedral_neighbour(n, x + dx, y + dy)] {
-                Cell::Open => open = true,
-                Cell::Blocked => blocked = true,
-                Cell::Below => {}
-            }
-        }
-    }
-    open && blocked
+    let sides = [(0, -1), (-1, 0), (1, 0), (0, 1)];
+    sides
+        .into_iter()
+        .any(|(dx, dy)| differs(cells[octahedral_neighbour(n, x + dx, y + dy)]))
 }
 
-fn pyramid(finest: Vec<u8>) -> [Vec<u8>; 5] {
-    let coarser = |n: usize, fine: &[u8]| -> Vec<u8> {
-        let at = |x: usize, y: usize| u16::from(fine[y * 2 * n + x]);
-        (0..n * n)
-            .map(|i| {
+impl Shares {
+    /// Of the cells of the finest grid.
+    fn new(cells: &[Cell]) -> Self {
+        let mut finest = [0; WORDS];
+        for (i, cell) in cells.iter().enumerate() {
+            finest[i / 64] |= u64::from(*cell != Cell::Blocked) << (i % 64);
+        }
+        let full: Vec<u8> = (cells
+            .iter()
+            .map(|c| if *c == Cell::Blocked { 0 } else { 255 }))
+        .collect();
+        let coarser = |n: usize, fine: &[u8]| -> Vec<u8> {
+            let at = |x: usize, y: usize| u16::from(fine[y * 2 * n + x]);
+            let mean = |i: usize| {
                 let (x, y) = (2 * (i % n), 2 * (i / n));
                 ((at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1) + 2) / 4) as u8
-            })
-            .collect()
-    };
-    let second = coarser(LEVELS[1], &finest);
-    let third = coarser(LEVELS[2], &second);
-    let fourth = coarser(LEVELS[3], &third);
-    let fifth = coarser(LEVELS[4], &fourth);
-    [finest, second, third, fourth, fifth]
+            };
+            (0..n * n).map(mean).collect()
+        };
+        let second = coarser(LEVELS[1], &full);
+        let third = coarser(LEVELS[2], &second);
+        let fourth = coarser(LEVELS[3], &third);
+        let fifth = coarser(LEVELS[4], &fourth);
+        Self {
+            finest,
+            coarser: [second, third, fourth, fifth],
+        }
+    }
+
+    /// Of a cell.
+    #[inline]
+    fn of(&self, level: usize, cell: usize) -> f32 {
+        match level {
+            0 => (self.finest[cell / 64] >> (cell % 64) & 1) as f32,
+            _ => f32::from(self.coarser[level - 1][cell]) / 255.0,
+        }
+    }
 }
 
 /// Solid angle of a cell, steradian: its two spherical triangles, flattened. Cells are small.
