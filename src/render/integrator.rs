@@ -18,7 +18,7 @@ use super::expected_lobe::Surface;
 use super::frame_light::FrameLight;
 use super::guide::{Guide, Wanted};
 use super::lune::Lune;
-use super::patches::Patches;
+use super::patches::{Patch, Patches};
 use super::{RenderStats, Skip, Skips, Stage};
 use crate::accel::Hit;
 use crate::brdf::{Dichromatic, Fresnel};
@@ -57,6 +57,49 @@ impl PixelGuides {
     const KEPT: usize = 4;
 }
 
+/// A surface that a path meets.
+struct Interaction<'a> {
+    surface: Surface<'a>,
+    /// Its patch, what is known of that, and the spot within.
+    number: u32,
+    patch: &'a Patch,
+    spot: u32,
+    /// Normal of the triangle, and place on it.
+    side: Vec3,
+    position: Vec3,
+    /// Normal and direction that it is seen from, unit, world frame.
+    facing: Vec3,
+    towards: Vec3,
+    /// Whether it is seen from the triangle's own side.
+    from_above: bool,
+    /// Number on the path, from 1.
+    bounce: u32,
+}
+
+/// What tables tell of an interaction, and the direction that the rest is asked of, if it matters.
+struct Answer {
+    /// Reflected radiance, linear RGB.
+    tabulated: Vec3,
+    next: Option<Next>,
+}
+
+/// A direction in which a path goes on.
+struct Next {
+    /// Unit, object frame and the surface's own.
+    direction: Vec3,
+    wi: Local,
+    /// Per steradian, survival included.
+    density: f32,
+    held: Held,
+}
+
+/// What a path carries.
+struct Carried {
+    throughput: Vec3,
+    /// What the whole path is expected to bring, summed over RGB.
+    expected: f32,
+}
+
 impl Illuminated<'_> {
     /// Radiance along a camera ray that met the object at `hit`, linear RGB: an estimate unbiased
     /// but for the tables' errors, which may be negative where the object hides light that the table holds.
@@ -68,18 +111,18 @@ impl Illuminated<'_> {
         path: &mut SobolPath,
         stats: &mut RenderStats,
     ) -> Vec3 {
-        let stage = self.stage;
-        let mesh = &stage.mesh;
+        let (stage, mesh) = (self.stage, &self.stage.mesh);
         let (mut ray, mut hit) = (ray, hit);
         let mut radiance = Vec3::ZERO;
-        let mut throughput = Vec3::ONE;
-        // What the whole path is expected to bring, summed over RGB.
-        let mut expected = 0.0;
+        let mut carried = Carried {
+            throughput: Vec3::ONE,
+            expected: 0.0,
+        };
         for bounce in 1..=self.bounces {
-            // The surface here. Seen from behind its shading normal it is black.
             let barycentric = Vec2::new(hit.u, hit.v);
             let frame = Frame::about(mesh.normal_at(hit.triangle, barycentric));
             let wo = frame.to_local(-ray.direction);
+            // Seen from behind its shading normal a surface is black.
             if wo.cos_theta() <= 0.0 {
                 break;
             }
@@ -89,188 +132,234 @@ impl Illuminated<'_> {
             if skip_zero && (brdf.rho_d == Vec3::ZERO || brdf.rho_s == Vec3::ZERO) {
                 stats.zero_lobes += 1;
             }
-            let surface = Surface {
-                frame,
-                wo,
-                brdf: &brdf,
-                matte: skip_zero && brdf.rho_s == Vec3::ZERO,
-            };
             let (number, spot) = self.patches.of(hit.triangle);
-            let patch = self.patches.get(number, mesh, &stage.accel);
-            let go_on = bounce < self.bounces;
             let side = mesh.geometric_normal(hit.triangle);
-            let position = mesh.position_at(hit.triangle, barycentric);
-            let mut occluded = |direction: Vec3| {
-                stats.shadow_rays += 1;
-                stage
-                    .accel
-                    .occluded(&Ray::leaving(position, side, direction), f32::INFINITY)
-            };
-            let blockage = |direction: Vec3, cell: usize| {
-                let place = (direction, cell);
-                self.patches.blocked(patch, spot, place, mesh, &stage.accel)
-            };
             let to_world = |direction: Vec3| (self.world_from_object * direction).normalize();
-            let facing = to_world(frame.normal);
-            let tabulated_lobe = || {
-                let table = stage
-                    .lobe
-                    .as_ref()
-                    .filter(|_| bounce == 1 && !surface.matte);
-                let answer = table.and_then(|table| table.at(facing, to_world(-ray.direction)));
-                match answer {
-                    Some(terms) => Some(lobe_of(&brdf, terms)),
-                    None => (brdf.rho_s == Vec3::ZERO).then_some(Vec3::ZERO),
-                }
-            };
-            let diffuse_of = |irradiance: Vec3| {
-                if brdf.rho_d == Vec3::ZERO && skip_zero {
-                    Vec3::ZERO
-                } else {
-                    brdf.rho_d * FRAC_1_PI * irradiance
-                }
+            let at = Interaction {
+                surface: Surface {
+                    frame,
+                    wo,
+                    brdf: &brdf,
+                    matte: skip_zero && brdf.rho_s == Vec3::ZERO,
+                },
+                number,
+                patch: self.patches.get(number, mesh, &stage.accel),
+                spot,
+                side,
+                position: mesh.position_at(hit.triangle, barycentric),
+                facing: to_world(frame.normal),
+                towards: to_world(-ray.direction),
+                from_above: side.dot(ray.direction) < 0.0,
+                bounce,
             };
 
-            // What tables tell, and one direction for the rest, if that matters.
-            let from_above = side.dot(ray.direction) < 0.0;
             // Asked for by chance, a lamp that the triangle hides would be a black pixel now and then.
-            let by_tables =
-                patch.convex && from_above && !self.light.has_lamp_between(frame.normal, side);
-            let open = by_tables.then(&tabulated_lobe).flatten();
-            let (u, other) = as_points(path.next_4d());
-            let (direction, wi, density, held);
-            if let Some(lobe) = open {
-                // Tables have it all but what the triangle itself hides.
-                let tabulated = diffuse_of(stage.irradiance.at(facing)) + lobe;
-                radiance += throughput * tabulated;
-                if self.skips.has(Skip::ProvenOpen) {
-                    stats.proven_open += 1;
-                } else {
-                    radiance -= throughput * self.hidden_above(&surface, side, position, u, stats);
-                }
-                let Some(lune) = Lune::between(frame.normal, side) else {
-                    break;
-                };
-                let survival = if self.skips.has(Skip::Negligible) {
-                    (LUNE_SURVIVAL * lune.width * lune.width).clamp(SMALLEST_SURVIVAL, 1.0)
-                } else {
-                    1.0
-                };
-                if other.y >= survival {
-                    stats.negligible += 1;
-                    break;
-                }
-                let drawn = lune.sample(u);
-                (direction, density) = (drawn.0, survival * drawn.1);
-                wi = frame.to_local(direction);
-                held = Held::BOTH;
-            } else {
-                let (light, cells) = (&self.light, &stage.cells);
-                let lobe_table = bounce == 1
-                    && !surface.matte
-                    && stage
-                        .lobe
-                        .as_ref()
-                        .is_some_and(|table| table.serves(wo.0.z));
-                let wanted = Wanted {
-                    indirect: go_on,
-                    lobe_table,
-                };
-                let own;
-                let guide = if bounce == 1 {
-                    guides.of(number, &surface, || {
-                        let ask: Option<&mut dyn FnMut(Vec3) -> bool> = if patch.convex {
-                            None
-                        } else {
-                            Some(&mut occluded)
-                        };
-                        Guide::new(&surface, patch, light, cells, wanted, &blockage, ask)
-                    })
-                } else {
-                    own = Guide::new(&surface, patch, light, cells, wanted, &blockage, None);
-                    &own
-                };
-
-                // The answer of an open point, less the light that is mostly hidden from here.
-                let left_out = guide.left_out(frame.normal);
-                let lobe = guide.lobe_tabulated.then(&tabulated_lobe).flatten();
-                let tabulated = throughput
-                    * (diffuse_of(stage.irradiance.at(facing) - left_out)
-                        + lobe.unwrap_or(Vec3::ZERO));
-                radiance += tabulated;
-                let to_find = guide.expected * throughput.max_element();
-                if bounce == 1 {
-                    expected += tabulated.element_sum().max(0.0) + to_find;
-                }
-
-                let negligible =
-                    to_find < NEGLIGIBLE * expected && self.skips.has(Skip::Negligible);
-                let survival = if negligible {
-                    (to_find / (NEGLIGIBLE * expected)).max(SMALLEST_SURVIVAL)
-                } else {
-                    1.0
-                };
-                if other.y >= survival {
-                    stats.negligible += 1;
-                    break;
-                }
-                let Some(sampled) = guide.sample(&surface, &self.light, u, other.x) else {
-                    break;
-                };
-                direction = sampled;
-                wi = frame.to_local(direction);
-                if wi.0.z <= 0.0 {
-                    break;
-                }
-                let drawn = guide.drawn(&surface, &self.light, direction, wi);
-                density = survival * drawn.density;
-                held = Held {
-                    diffuse: !drawn.left_out,
-                    lobe: lobe.is_some(),
-                };
-            }
-            if density <= 0.0 || wi.0.z <= 0.0 {
+            let by_tables = at.patch.convex
+                && at.from_above
+                && !self.light.has_lamp_between(frame.normal, side);
+            let sample = as_points(path.next_4d());
+            let lobe = by_tables.then(|| self.tabulated_lobe(&at)).flatten();
+            let answer = match lobe {
+                Some(lobe) => self.by_tables(&at, lobe, sample, stats),
+                None => self.by_guide(&at, guides, sample, &mut carried, stats),
+            };
+            radiance += carried.throughput * answer.tabulated;
+            let Some(next) = answer.next else { break };
+            if next.density <= 0.0 || next.wi.0.z <= 0.0 {
                 break;
             }
-            let reflected = brdf.eval(wi, wo) * wi.0.z;
-            let tabulated = held.part(&brdf, wi, reflected);
+            let reflected = brdf.eval(next.wi, wo) * next.wi.0.z;
+            let tabulated = next.held.part(&brdf, next.wi, reflected);
 
             // Is the light seen there, or the object?
-            let next_ray = Ray::leaving(position, side, direction);
-            let above = side.dot(direction) > 0.0 && from_above;
-            let met = if patch.convex && above && self.skips.has(Skip::ProvenOpen) {
-                stats.proven_open += 1;
-                None
-            } else if go_on {
-                stats.closest_rays += 1;
-                stage.accel.closest_hit(&next_ray, f32::INFINITY).map(Some)
-            } else {
-                stats.shadow_rays += 1;
-                stage
-                    .accel
-                    .occluded(&next_ray, f32::INFINITY)
-                    .then_some(None)
-            };
             let light = |of: Vec3| {
                 if of == Vec3::ZERO {
                     return Vec3::ZERO;
                 }
-                of * self.light.light.radiance(position, direction) / density
+                let light = self.light.light.radiance(at.position, next.direction);
+                of * light / next.density
             };
-            match met {
-                None => {
-                    radiance += throughput * light(reflected - tabulated);
+            let next_ray = Ray::leaving(at.position, side, next.direction);
+            match self.meets(&at, &next_ray, stats) {
+                Met::Light => {
+                    radiance += carried.throughput * light(reflected - tabulated);
                     break;
                 }
-                Some(next) => {
-                    radiance -= throughput * light(tabulated);
-                    let Some(next) = next else { break };
-                    throughput *= reflected / density;
-                    (ray, hit) = (next_ray, next);
+                Met::Object(next_hit) => {
+                    radiance -= carried.throughput * light(tabulated);
+                    let Some(next_hit) = next_hit else { break };
+                    carried.throughput *= reflected / next.density;
+                    (ray, hit) = (next_ray, next_hit);
                 }
             }
         }
         radiance
+    }
+
+    /// Tables have all of an open point's light but what the triangle itself hides.
+    #[inline]
+    fn by_tables(
+        &self,
+        at: &Interaction<'_>,
+        lobe: Vec3,
+        (u, other): (Vec2, Vec2),
+        stats: &mut RenderStats,
+    ) -> Answer {
+        let irradiance = self.stage.irradiance.at(at.facing);
+        let mut tabulated = self.diffuse_of(at.surface.brdf, irradiance) + lobe;
+        if self.skips.has(Skip::ProvenOpen) {
+            stats.proven_open += 1;
+        } else {
+            tabulated -= self.hidden_above(&at.surface, at.side, at.position, u, stats);
+        }
+        let normal = at.surface.frame.normal;
+        let Some(lune) = Lune::between(normal, at.side) else {
+            let next = None;
+            return Answer { tabulated, next };
+        };
+        let survival = if self.skips.has(Skip::Negligible) {
+            (LUNE_SURVIVAL * lune.width * lune.width).clamp(SMALLEST_SURVIVAL, 1.0)
+        } else {
+            1.0
+        };
+        let next = if other.y >= survival {
+            stats.negligible += 1;
+            None
+        } else {
+            let (direction, density) = lune.sample(u);
+            Some(Next {
+                direction,
+                wi: at.surface.frame.to_local(direction),
+                density: survival * density,
+                held: Held::BOTH,
+            })
+        };
+        Answer { tabulated, next }
+    }
+
+    /// The answer of an open point, less the light that is mostly hidden from here, and a direction that
+    /// a guide draws for the rest.
+    #[inline]
+    fn by_guide(
+        &self,
+        at: &Interaction<'_>,
+        guides: &mut PixelGuides,
+        (u, other): (Vec2, Vec2),
+        carried: &mut Carried,
+        stats: &mut RenderStats,
+    ) -> Answer {
+        let (stage, surface) = (self.stage, &at.surface);
+        let (mesh, accel) = (&stage.mesh, &stage.accel);
+        let is_first = at.bounce == 1;
+        let mut occluded = |direction: Vec3| {
+            stats.shadow_rays += 1;
+            let ray = Ray::leaving(at.position, at.side, direction);
+            accel.occluded(&ray, f32::INFINITY)
+        };
+        let blockage = |direction: Vec3, cell: usize| {
+            let place = (direction, cell);
+            self.patches.blocked(at.patch, at.spot, place, mesh, accel)
+        };
+        let lobe_tables = stage.lobe.as_ref().filter(|_| is_first && !surface.matte);
+        let wanted = Wanted {
+            indirect: at.bounce < self.bounces,
+            lobe_table: lobe_tables.is_some_and(|table| table.serves(surface.wo.0.z)),
+        };
+        let (light, cells) = (&self.light, &stage.cells);
+        let own;
+        let guide = if is_first {
+            guides.of(at.number, surface, || {
+                let ask: Option<&mut dyn FnMut(Vec3) -> bool> = if at.patch.convex {
+                    None
+                } else {
+                    Some(&mut occluded)
+                };
+                Guide::new(surface, at.patch, light, cells, wanted, &blockage, ask)
+            })
+        } else {
+            own = Guide::new(surface, at.patch, light, cells, wanted, &blockage, None);
+            &own
+        };
+
+        let irradiance = stage.irradiance.at(at.facing) - guide.left_out(surface.frame.normal);
+        let lobe = (guide.lobe_tabulated.then(|| self.tabulated_lobe(at))).flatten();
+        let tabulated = self.diffuse_of(surface.brdf, irradiance) + lobe.unwrap_or(Vec3::ZERO);
+        let to_find = guide.expected * carried.throughput.max_element();
+        if is_first {
+            let known = carried.throughput * tabulated;
+            carried.expected += known.element_sum().max(0.0) + to_find;
+        }
+
+        let least = NEGLIGIBLE * carried.expected;
+        let survival = if to_find < least && self.skips.has(Skip::Negligible) {
+            (to_find / least).max(SMALLEST_SURVIVAL)
+        } else {
+            1.0
+        };
+        let next = if other.y >= survival {
+            stats.negligible += 1;
+            None
+        } else {
+            let sampled = guide.sample(surface, light, u, other.x);
+            let above = sampled.map(|direction| (direction, surface.frame.to_local(direction)));
+            above.filter(|(_, wi)| wi.0.z > 0.0).map(|(direction, wi)| {
+                let drawn = guide.drawn(surface, light, direction, wi);
+                Next {
+                    direction,
+                    wi,
+                    density: survival * drawn.density,
+                    held: Held {
+                        diffuse: !drawn.left_out,
+                        lobe: lobe.is_some(),
+                    },
+                }
+            })
+        };
+        Answer { tabulated, next }
+    }
+
+    /// What an open point's lobe reflects to the camera, linear RGB; `None` where no table knows.
+    #[inline]
+    fn tabulated_lobe(&self, at: &Interaction<'_>) -> Option<Vec3> {
+        let brdf = at.surface.brdf;
+        let table = self.stage.lobe.as_ref();
+        let table = table.filter(|_| at.bounce == 1 && !at.surface.matte);
+        match table.and_then(|table| table.at(at.facing, at.towards)) {
+            Some(terms) => Some(lobe_of(brdf, terms)),
+            None => (brdf.rho_s == Vec3::ZERO).then_some(Vec3::ZERO),
+        }
+    }
+
+    /// What a material reflects diffusely of an irradiance, linear RGB.
+    #[inline]
+    fn diffuse_of(&self, brdf: &Dichromatic, irradiance: Vec3) -> Vec3 {
+        if brdf.rho_d == Vec3::ZERO && self.skips.has(Skip::ZeroLobes) {
+            Vec3::ZERO
+        } else {
+            brdf.rho_d * FRAC_1_PI * irradiance
+        }
+    }
+
+    /// What a ray that leaves an interaction meets.
+    #[inline]
+    fn meets(&self, at: &Interaction<'_>, ray: &Ray, stats: &mut RenderStats) -> Met {
+        let accel = &self.stage.accel;
+        let above = at.side.dot(ray.direction) > 0.0 && at.from_above;
+        if at.patch.convex && above && self.skips.has(Skip::ProvenOpen) {
+            stats.proven_open += 1;
+            Met::Light
+        } else if at.bounce < self.bounces {
+            stats.closest_rays += 1;
+            let hit = accel.closest_hit(ray, f32::INFINITY);
+            hit.map_or(Met::Light, |hit| Met::Object(Some(hit)))
+        } else {
+            stats.shadow_rays += 1;
+            if accel.occluded(ray, f32::INFINITY) {
+                Met::Object(None)
+            } else {
+                Met::Light
+            }
+        }
     }
 
     /// What the tables hold of light above an open point's plane that is hidden all the same, estimated
@@ -297,6 +386,13 @@ impl Illuminated<'_> {
         let reflected = surface.brdf.eval(wi, surface.wo) * (wi.0.z / density);
         reflected * self.light.light.radiance(position, direction)
     }
+}
+
+/// What a ray meets.
+enum Met {
+    Light,
+    /// The object, and where if the path may go on.
+    Object(Option<Hit>),
 }
 
 /// Which parts of the reflected light from a direction the tables hold.
