@@ -14,7 +14,7 @@ use glam::{Mat3, Vec3};
 use super::fresnel_model::{Basis, FresnelModel};
 use super::interreflection::Glow;
 use super::light_cut::{Lobe, LobeCut, Seen, diffuse_cut, to_object, usual_threshold};
-use super::lobe_cells::LobeCells;
+use super::lobe_cells::{InLobe, LobeCells};
 use super::lobe_table::Stencil;
 use super::visibility::Visibility;
 use super::widening::Widening;
@@ -337,14 +337,14 @@ impl<'a> ForwardModel<'a> {
             let half = wi + wo;
             let length2 = half.length_squared().max(1e-12);
             let sin2_h = half.cross(normal).length_squared() / length2;
-            let bases = self.fresnel.bases().iter();
-            let cos_d = (0.5 * length2.sqrt()).min(1.0);
-            let reflectances = bases.map(|&basis| self.fresnel.reflectance(basis, cos_d));
-            let flux = *radiance * patch.solid_angle;
-            // Of a square patch, as of a light node.
-            let variance_h = patch.solid_angle / 6.0 * (0.0625 + 0.25 / length2);
-            let half = (sin2_h, variance_h);
-            scratch.cells.add(half, cos_i, flux, reflectances);
+            scratch.cells.add(&InLobe {
+                sin2_h,
+                // Of a square patch, as of a light node.
+                variance_h: patch.solid_angle / 6.0 * (0.0625 + 0.25 / length2),
+                cos_i,
+                cos_d: (0.5 * length2.sqrt()).min(1.0),
+                flux: *radiance * patch.solid_angle,
+            });
         }
 
         let cos_o = normal.dot(wo);
@@ -392,14 +392,17 @@ fn gather(
     open: impl Fn(&LightNode) -> f32,
 ) {
     let LobeScratch { cut, cells } = scratch;
-    cells.clear(fresnel.bases().len());
+    cells.clear(fresnel);
     cut.visit(&light.whole, budget, lobe, |seen: Seen<'_>| {
         let open = open(seen.node);
         if open > 0.0 {
-            let bases = fresnel.bases().iter();
-            let reflectances = bases.map(|&basis| fresnel.reflectance(basis, seen.cos_d));
-            let half = (seen.sin2_h, seen.variance_h);
-            cells.add(half, seen.cos_i, seen.node.flux * open, reflectances);
+            cells.add(&InLobe {
+                sin2_h: seen.sin2_h,
+                variance_h: seen.variance_h,
+                cos_i: seen.cos_i,
+                cos_d: seen.cos_d,
+                flux: seen.node.flux * open,
+            });
         }
     });
 }

@@ -8,79 +8,39 @@
 //! of its half vector alone and `G1` by its own angle, and both are smooth in `ln tan θ_h` and
 //! `√cos θ_i`. So a node's flux is laid into a grid over these two, cubically over the angle of the half
 //! vector and linearly over its own, and the grid is weighed once, place by place by the tabulated `G1` of
-//! all roughnesses and ring by ring by their `D`: eight additions a node instead of 56 evaluations of the
+//! all roughnesses and ring by ring by their `D`: sixteen additions a node instead of 56 evaluations of the
 //! lobe.
+//!
+//! A node has a width, and stands at two places, which have the first two moments of its patch's `θ_h²`:
+//! the error of `D` is then of fourth order in the node's width.
 
 use std::ops::Range;
-use std::sync::LazyLock;
 
 use glam::{Vec3, Vec3A};
 
 use super::columns::{ROUGHNESSES, roughness};
+use super::fresnel_model::FresnelModel;
+use super::lobe_weights::weigh_all;
 use crate::brdf::{Alpha, Ndf};
 use crate::geometry::Local;
 
 /// Places over the half vector's angle: steps of 7 %. Beckmann's lobe falls by e² in a step of 13 % where
 /// it is a thousandth of its peak, which cubics do not follow.
-const RINGS: usize = 128;
+pub(super) const RINGS: usize = 128;
 /// Places over `√cos θ_i`, close enough for masking to be linear between them: within 0.1 %.
-const PLACES: usize = 24;
+pub(super) const PLACES: usize = 24;
 /// Cells of the grid.
 const CELLS: usize = RINGS * PLACES;
 /// Angle, radians, below which half vectors count as equal: the narrowest lobe is four times as wide.
 const INNERMOST: f32 = 0.0025;
-
 /// Steepest half vector, as a tangent: beyond 83°, Beckmann's density is zero and GGX's level.
 const STEEPEST: f32 = 8.0;
 const SMALLEST_COS2: f32 = 1.0 / (1.0 + STEEPEST * STEEPEST);
-/// Variance of a node over its squared distance to the normal below which it is a point: its error is
-/// then at most eight times as large, for the tail of GGX.
-const NARROW: f32 = 1e-4;
 
-/// Roughnesses side by side, which one pass over the cells sums: with three channels, as many sums as
-/// registers hold.
-const LANES: usize = 16;
-/// Passes over the cells for all roughnesses.
-const PASSES: usize = ROUGHNESSES.div_ceil(LANES);
-
-/// The lobe over the grid, `D G1(ω_i)`: a product of what rings and places have, by roughness.
-struct Weights {
-    /// `[ring]` `D`.
-    rings: Vec<[f32; LANES]>,
-    /// `[place]` `G1(ω_i)`.
-    places: [[f32; LANES]; PLACES],
-}
-
-/// `[ndf][pass]`; zero past the last roughness.
-static WEIGHTS: LazyLock<[[Weights; PASSES]; 2]> = LazyLock::new(|| {
-    let density = |ndf: Ndf, ring: usize, alpha: Alpha| {
-        let tan2 = tan2_of(ring as f32).max(0.0);
-        ndf.density(Local(Vec3::new(tan2.sqrt(), 0.0, 1.0).normalize()), alpha)
-    };
-    let masking = |ndf: Ndf, place: usize, alpha: Alpha| {
-        let root = place as f32 / (PLACES - 1) as f32;
-        let cos_i = (root * root).max(1e-5);
-        let wi = Local(Vec3::new((1.0 - cos_i * cos_i).sqrt(), 0.0, cos_i));
-        ndf.masking_over_cos(wi, alpha) * cos_i
-    };
-    Ndf::ALL.map(|ndf| {
-        std::array::from_fn(|pass| {
-            let lanes = |of: &dyn Fn(Alpha) -> f32| {
-                std::array::from_fn(|lane| {
-                    let k = pass * LANES + lane;
-                    let alpha = (k < ROUGHNESSES).then(|| Alpha::saturating(roughness(k)));
-                    alpha.map_or(0.0, of)
-                })
-            };
-            Weights {
-                rings: (0..RINGS)
-                    .map(|ring| lanes(&|alpha| density(ndf, ring, alpha)))
-                    .collect(),
-                places: std::array::from_fn(|place| lanes(&|alpha| masking(ndf, place, alpha))),
-            }
-        })
-    })
-});
+/// Nodes that are laid together.
+const BATCH: usize = 16;
+/// Largest number of Fresnel terms.
+const MOST_BASES: usize = 4;
 
 /// Step of the rings in `½ ln(tan² θ_h + INNERMOST²)`; the last but one is at [`STEEPEST`].
 fn step() -> f32 {
@@ -88,200 +48,326 @@ fn step() -> f32 {
 }
 
 /// `tan² θ_h` of a ring.
-fn tan2_of(ring: f32) -> f32 {
+pub(super) fn tan2_of(ring: f32) -> f32 {
     (2.0 * (INNERMOST.ln() + ring * step())).exp() - INNERMOST * INNERMOST
 }
 
-/// Places of a ring on which no light falls.
-const DARK: Range<u32> = PLACES as u32..0;
+/// `cos θ_i` of a place.
+pub(super) fn cos_of(place: usize) -> f32 {
+    let root = place as f32 / (PLACES - 1) as f32;
+    root * root
+}
 
-fn as_places(lit: &Range<u32>) -> Range<usize> {
-    lit.start.min(lit.end) as usize..lit.end as usize
+/// Where light falls: the first place of each ring, and one past the last.
+#[derive(Default)]
+pub(super) struct Lit {
+    first: Vec<u8>,
+    end: Vec<u8>,
+}
+
+impl Lit {
+    /// The places of a ring.
+    #[inline]
+    pub(super) fn places(&self, ring: usize) -> Range<usize> {
+        usize::from(self.first[ring])..usize::from(self.end[ring])
+    }
+
+    fn clear(&mut self) {
+        self.first.clear();
+        self.first.resize(RINGS, PLACES as u8);
+        self.end.clear();
+        self.end.resize(RINGS, 0);
+    }
+
+    /// Two places from `first` in four rings.
+    #[inline]
+    fn add(&mut self, ring: usize, first: usize) {
+        for lit in &mut self.first[ring..][..4] {
+            *lit = (*lit).min(first as u8);
+        }
+        for end in &mut self.end[ring..][..4] {
+            *end = (*end).max(first as u8 + 2);
+        }
+    }
+}
+
+/// Nodes side by side.
+#[derive(Default)]
+struct Batch {
+    count: usize,
+    /// Squared sine of the half vector's angle to the normal.
+    sin2_h: [f32; BATCH],
+    /// Variance of the half vectors, per axis.
+    variance_h: [f32; BATCH],
+    /// Cosine of the node's own angle.
+    cos_i: [f32; BATCH],
+    /// Cosine between half vector and node.
+    cos_d: [f32; BATCH],
+    flux: [Vec3A; BATCH],
+}
+
+/// Where nodes are laid.
+struct Laid {
+    /// `[one of two places][node]` first of four rings, and `[ring]` Lagrange's weights.
+    ring: [[i32; BATCH]; 2],
+    across: [[[f32; BATCH]; 4]; 2],
+    /// First of two places over the node's own angle, and the second one's weight.
+    place: [i32; BATCH],
+    along: [f32; BATCH],
+    /// `[basis]` half the reflectance.
+    half_reflectance: [[f32; BATCH]; MOST_BASES],
+}
+
+/// A light node, or a patch of the object, as a lobe sees it.
+pub(super) struct InLobe {
+    /// Squared sine of the half vector's angle to the normal.
+    pub(super) sin2_h: f32,
+    /// Variance of its half vectors, radian² per axis.
+    pub(super) variance_h: f32,
+    /// Cosine of its own angle, above the horizon.
+    pub(super) cos_i: f32,
+    /// Cosine between half vector and light.
+    pub(super) cos_d: f32,
+    /// Linear RGB.
+    pub(super) flux: Vec3,
 }
 
 /// Light in the lobe of one observation.
-#[derive(Default)]
 pub(super) struct LobeCells {
+    fresnel: FresnelModel,
     /// `[basis][cell]` flux, Fresnel included.
     cells: Vec<Vec3A>,
-    /// `[ring]` first and last place of what is lit.
-    lit: Vec<Range<u32>>,
-    /// 1 over the step of the rings, and the first of them.
-    rings: (f32, f32),
+    lit: Lit,
+    waiting: Batch,
+}
+
+impl Default for LobeCells {
+    fn default() -> Self {
+        let mut cells = Self {
+            fresnel: FresnelModel::Schlick,
+            cells: Vec::new(),
+            lit: Lit::default(),
+            waiting: Batch::default(),
+        };
+        cells.lit.clear();
+        cells
+    }
 }
 
 impl LobeCells {
-    /// Empties the cells of `bases` Fresnel terms.
-    pub(super) fn clear(&mut self, bases: usize) {
+    /// Empties the cells, for the terms of a Fresnel model.
+    pub(super) fn clear(&mut self, fresnel: FresnelModel) {
         for basis in self.cells.chunks_exact_mut(CELLS) {
-            for (ring, lit) in basis.chunks_exact_mut(PLACES).zip(&self.lit) {
-                ring[as_places(lit)].fill(Vec3A::ZERO);
+            for (number, ring) in basis.chunks_exact_mut(PLACES).enumerate() {
+                let places = self.lit.places(number);
+                if !places.is_empty() {
+                    ring[places].fill(Vec3A::ZERO);
+                }
             }
         }
-        self.cells.resize(bases * CELLS, Vec3A::ZERO);
+        self.fresnel = fresnel;
+        self.cells
+            .resize(fresnel.bases().len() * CELLS, Vec3A::ZERO);
         self.lit.clear();
-        self.lit.resize(RINGS, DARK);
-        self.rings = (1.0 / step(), INNERMOST.ln());
+        self.waiting.count = 0;
     }
 
-    /// Adds a node above the horizon: squared sine of its half vector's angle to the normal and the
-    /// variance of its half vectors per axis, cosine of its own angle, its flux, and the reflectance of
-    /// each basis.
-    ///
-    /// A node that is wide beside its distance to the normal stands at two places, which have the first
-    /// two moments of its patch's `θ_h²`: the error of `D` is then of fourth order in the node's width.
+    /// Adds a node above the horizon.
     #[inline]
-    pub(super) fn add(
-        &mut self,
-        (sin2_h, variance_h): (f32, f32),
-        cos_i: f32,
-        flux: Vec3,
-        reflectances: impl Iterator<Item = f32> + Clone,
-    ) {
-        if variance_h < NARROW * (sin2_h + INNERMOST * INNERMOST) {
-            self.add_at(sin2_h, cos_i, flux, reflectances);
-        } else {
-            let (distance, deviation) = ((sin2_h + variance_h).sqrt(), variance_h.sqrt());
-            for place in [distance - deviation, (distance + deviation).min(1.0)] {
-                self.add_at(place * place, cos_i, 0.5 * flux, reflectances.clone());
-            }
+    pub(super) fn add(&mut self, node: &InLobe) {
+        let batch = &mut self.waiting;
+        let lane = batch.count;
+        batch.sin2_h[lane] = node.sin2_h;
+        batch.variance_h[lane] = node.variance_h;
+        batch.cos_i[lane] = node.cos_i;
+        batch.cos_d[lane] = node.cos_d;
+        batch.flux[lane] = node.flux.into();
+        batch.count += 1;
+        if batch.count == BATCH {
+            self.lay();
         }
     }
 
-    #[inline]
-    fn add_at(
-        &mut self,
-        sin2_h: f32,
-        cos_i: f32,
-        flux: Vec3,
-        reflectances: impl Iterator<Item = f32>,
-    ) {
-        let (per_step, first) = self.rings;
-        let tan2 = sin2_h / (1.0 - sin2_h).max(SMALLEST_COS2);
-        let ring = (0.5 * (tan2 + INNERMOST * INNERMOST).ln() - first) * per_step;
-        let (ring, across) = lagrange(ring, RINGS);
-        let place = cos_i.min(1.0).sqrt() * (PLACES - 1) as f32;
-        let first = (place as usize).min(PLACES - 2);
-        let along = place - first as f32;
-        for lit in &mut self.lit[ring..][..4] {
-            *lit = lit.start.min(first as u32)..lit.end.max(first as u32 + 2);
+    /// Lays what waits, by the widest instructions that the machine has.
+    fn lay(&mut self) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx512f")
+            && std::arch::is_x86_feature_detected!("avx512vl")
+        {
+            #[expect(unsafe_code, reason = "the processor was just asked for AVX-512")]
+            // SAFETY: it is present.
+            return unsafe { self.lay_avx512() };
+        } else if std::arch::is_x86_feature_detected!("avx2") {
+            #[expect(unsafe_code, reason = "the processor was just asked for AVX2")]
+            // SAFETY: it is present.
+            return unsafe { self.lay_avx2() };
         }
-        let flux = Vec3A::from(flux);
-        for (cells, reflectance) in self.cells.chunks_exact_mut(CELLS).zip(reflectances) {
-            let flux = flux * reflectance;
-            for (i, across) in across.into_iter().enumerate() {
-                let cells = &mut cells[(ring + i) * PLACES + first..][..2];
-                let (flux, far) = (flux * across, flux * (across * along));
-                cells[0] += flux - far;
-                cells[1] += far;
+        self.lay_any();
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512vl")]
+    fn lay_avx512(&mut self) {
+        self.lay_any();
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn lay_avx2(&mut self) {
+        self.lay_any();
+    }
+
+    #[inline(always)]
+    fn lay_any(&mut self) {
+        let count = std::mem::take(&mut self.waiting.count);
+        let laid = Laid::of(&self.waiting, self.fresnel);
+        for lane in 0..count {
+            let place = laid.place[lane] as usize;
+            for (ring, across) in laid.ring.iter().zip(&laid.across) {
+                let ring = ring[lane] as usize;
+                self.lit.add(ring, place);
+                for (cells, half) in
+                    (self.cells.chunks_exact_mut(CELLS)).zip(&laid.half_reflectance)
+                {
+                    let cells = &mut cells[ring * PLACES + place..][..3 * PLACES + 2];
+                    let flux = self.waiting.flux[lane] * half[lane];
+                    let far = flux * laid.along[lane];
+                    let near = flux - far;
+                    for (i, across) in across.iter().enumerate() {
+                        cells[i * PLACES] += near * across[lane];
+                        cells[i * PLACES + 1] += far * across[lane];
+                    }
+                }
             }
         }
     }
 
     /// `[ndf][roughness]` of basis number `basis` for a view at `cos_o`, linear RGB.
-    pub(super) fn sums(&self, basis: usize, cos_o: f32) -> [[Vec3; ROUGHNESSES]; 2] {
+    pub(super) fn sums(&mut self, basis: usize, cos_o: f32) -> [[Vec3; ROUGHNESSES]; 2] {
+        self.lay();
         let sin_o = (1.0 - cos_o * cos_o).max(0.0).sqrt();
         let wo = Local(Vec3::new(sin_o, 0.0, cos_o));
-        let cells = &self.cells[basis * CELLS..][..CELLS];
-        Ndf::ALL.map(|ndf| {
-            let passes = WEIGHTS[ndf as usize].each_ref();
-            let sums = passes.map(|weights| weigh(cells, &self.lit, weights));
-            std::array::from_fn(|k| {
-                let [r, g, b] = sums[k / LANES].map(|channel| channel[k % LANES]);
-                let masking = ndf.masking_over_cos(wo, Alpha::saturating(roughness(k)));
-                Vec3::new(r, g, b) * (0.25 * masking)
-            })
-        })
+        let mut sums = weigh_all(&self.cells[basis * CELLS..][..CELLS], &self.lit);
+        for (ndf, sums) in Ndf::ALL.into_iter().zip(&mut sums) {
+            for (k, sum) in sums.iter_mut().enumerate() {
+                *sum *= 0.25 * ndf.masking_over_cos(wo, Alpha::saturating(roughness(k)));
+            }
+        }
+        sums
     }
 }
 
-/// The first of four places about `x` among `count`, and Lagrange's weights for them.
-#[inline]
-fn lagrange(x: f32, count: usize) -> (usize, [f32; 4]) {
-    let first = (x as usize).saturating_sub(1).min(count - 4);
-    let t = x - first as f32;
-    let (a, b, c, d) = (t, t - 1.0, t - 2.0, t - 3.0);
-    (
-        first,
-        [
-            -b * c * d / 6.0,
-            a * c * d / 2.0,
-            -a * b * d / 2.0,
-            a * b * c / 6.0,
-        ],
-    )
-}
-
-/// Sums by channel and lane.
-type Sums = [[f32; LANES]; 3];
-
-/// `Σ cell · weight`, by the widest instructions that the machine has.
-fn weigh(cells: &[Vec3A], lit: &[Range<u32>], weights: &Weights) -> Sums {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx512f") {
-        #[expect(unsafe_code, reason = "the processor was just asked for AVX-512")]
-        // SAFETY: AVX-512 is present, and FMA is a part of it.
-        return unsafe { weigh_avx512(cells, lit, weights) };
-    } else if std::arch::is_x86_feature_detected!("avx2")
-        && std::arch::is_x86_feature_detected!("fma")
-    {
-        #[expect(unsafe_code, reason = "the processor was just asked for AVX2 and FMA")]
-        // SAFETY: both are present.
-        return unsafe { weigh_avx2(cells, lit, weights) };
+impl Laid {
+    /// Lane by lane; those past the count hold old nodes.
+    #[inline(always)]
+    fn of(batch: &Batch, fresnel: FresnelModel) -> Self {
+        let (per_step, first) = (1.0 / step(), INNERMOST.ln());
+        let mut laid = Self {
+            ring: [[0; BATCH]; 2],
+            across: [[[0.0; BATCH]; 4]; 2],
+            place: [0; BATCH],
+            along: [0.0; BATCH],
+            half_reflectance: [[0.0; BATCH]; MOST_BASES],
+        };
+        for (sign, (rings, across)) in [-1.0, 1.0]
+            .into_iter()
+            .zip(laid.ring.iter_mut().zip(&mut laid.across))
+        {
+            for lane in 0..BATCH {
+                let variance = batch.variance_h[lane];
+                let distance = (batch.sin2_h[lane] + variance).sqrt();
+                let sin_h = (distance + sign * variance.sqrt()).min(1.0);
+                let sin2_h = sin_h * sin_h;
+                let tan2 = sin2_h / (1.0 - sin2_h).max(SMALLEST_COS2);
+                let ring = (0.5 * ln(tan2 + INNERMOST * INNERMOST) - first) * per_step;
+                let start = (ring as i32 - 1).clamp(0, RINGS as i32 - 4);
+                // Lagrange's weights of four places.
+                let a = ring - start as f32;
+                let (b, c, d) = (a - 1.0, a - 2.0, a - 3.0);
+                rings[lane] = start;
+                across[0][lane] = -b * c * d / 6.0;
+                across[1][lane] = a * c * d / 2.0;
+                across[2][lane] = -a * b * d / 2.0;
+                across[3][lane] = a * b * c / 6.0;
+            }
+        }
+        for lane in 0..BATCH {
+            let place = batch.cos_i[lane].min(1.0).sqrt() * (PLACES - 1) as f32;
+            let first = (place as i32).clamp(0, PLACES as i32 - 2);
+            laid.place[lane] = first;
+            laid.along[lane] = place - first as f32;
+        }
+        for (half, &basis) in laid.half_reflectance.iter_mut().zip(fresnel.bases()) {
+            for lane in 0..BATCH {
+                half[lane] = 0.5 * fresnel.reflectance(basis, batch.cos_d[lane]);
+            }
+        }
+        laid
     }
-    weigh_by(cells, lit, weights, |sum, light, weight| {
-        sum + light * weight
-    })
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn weigh_avx512(cells: &[Vec3A], lit: &[Range<u32>], weights: &Weights) -> Sums {
-    weigh_by(cells, lit, weights, |sum, light, weight| {
-        light.mul_add(weight, sum)
-    })
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn weigh_avx2(cells: &[Vec3A], lit: &[Range<u32>], weights: &Weights) -> Sums {
-    weigh_by(cells, lit, weights, |sum, light, weight| {
-        light.mul_add(weight, sum)
-    })
-}
-
+/// `ln x` of a positive normal number, to 1e-7 of 1 or of itself: `ln m = 2 artanh((m − 1)/(m + 1))` of a
+/// mantissa in [√½, √2).
 #[inline(always)]
-fn weigh_by(
-    cells: &[Vec3A],
-    lit: &[Range<u32>],
-    weights: &Weights,
-    add: impl Fn(f32, f32, f32) -> f32,
-) -> Sums {
-    let mut sums = [[0.0; LANES]; 3];
-    let rings = cells.chunks_exact(PLACES).zip(lit).zip(&weights.rings);
-    for ((ring, lit), density) in rings.filter(|((_, lit), _)| !lit.is_empty()) {
-        let places = as_places(lit);
-        let (mut r, mut g, mut b) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        for (cell, masking) in ring[places.clone()].iter().zip(&weights.places[places]) {
-            for lane in 0..LANES {
-                r[lane] = add(r[lane], cell.x, masking[lane]);
-                g[lane] = add(g[lane], cell.y, masking[lane]);
-                b[lane] = add(b[lane], cell.z, masking[lane]);
-            }
-        }
-        for (sum, inner) in sums.iter_mut().zip([r, g, b]) {
-            for lane in 0..LANES {
-                sum[lane] = add(sum[lane], inner[lane], density[lane]);
-            }
-        }
-    }
-    sums
+fn ln(x: f32) -> f32 {
+    /// Bits of √½.
+    const LEAST: u32 = 0x3f35_04f3;
+    let exponent = (x.to_bits().wrapping_sub(LEAST) as i32) >> 23;
+    let mantissa = f32::from_bits(x.to_bits().wrapping_sub((exponent << 23) as u32));
+    let t = (mantissa - 1.0) / (mantissa + 1.0);
+    let t2 = t * t;
+    let series = 1.0 + t2 * (1.0 / 3.0 + t2 * (0.2 + t2 * (1.0 / 7.0)));
+    exponent as f32 * std::f32::consts::LN_2 + 2.0 * t * series
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn every_fresnel_term_has_room() {
+        assert!(FresnelModel::Auto.bases().len() <= MOST_BASES);
+    }
+
+    #[test]
+    fn logarithms_are_those() {
+        for k in 0..4000 {
+            let x = 1e-6 * 1.004f32.powi(k);
+            assert!((ln(x) - x.ln()).abs() < 2e-7 * (1.0 + x.ln().abs()), "{x}");
+        }
+    }
+
+    #[test]
+    fn any_number_of_nodes_adds_up_whatever_is_left_of_others() {
+        let node = |k: usize| InLobe {
+            sin2_h: 0.01 + 0.02 * k as f32,
+            variance_h: 1e-3,
+            cos_i: 0.9 - 0.02 * k as f32,
+            cos_d: 0.8,
+            flux: Vec3::splat(1.0 + k as f32),
+        };
+        let fresnel = FresnelModel::Dielectric { eta: 1.3 };
+        let mut cells = LobeCells::default();
+        let mut sums = |nodes: Range<usize>| {
+            cells.clear(fresnel);
+            nodes.for_each(|k| cells.add(&node(k)));
+            cells.sums(0, 0.7)
+        };
+        for count in [0, 1, BATCH - 1, BATCH, BATCH + 3] {
+            let all = sums(0..count);
+            let mut singly = [[Vec3::ZERO; ROUGHNESSES]; 2];
+            for k in 0..count {
+                let one = sums(k..k + 1);
+                for (sum, one) in singly.as_flattened_mut().iter_mut().zip(one.as_flattened()) {
+                    *sum += *one;
+                }
+            }
+            for (all, singly) in all.as_flattened().iter().zip(singly.as_flattened()) {
+                assert!((*all - *singly).length() <= 1e-4 * singly.length() + 1e-7);
+            }
+        }
+    }
 
     proptest! {
         #[test]
@@ -291,11 +377,17 @@ mod tests {
             let wo = Local(Vec3::new((1.0 - cos_o * cos_o).sqrt(), 0.0, cos_o));
             let wm = (wi.0 + wo.0).normalize();
             let mut cells = LobeCells::default();
-            cells.clear(2);
-            let reflectances = [1.0, 0.25].into_iter();
-            let sin2_h = wm.x * wm.x + wm.y * wm.y;
-            cells.add((sin2_h, 0.0), wi.0.z, Vec3::new(1.0, 2.0, 3.0), reflectances);
-            let (sums, quarter) = (cells.sums(0, cos_o), cells.sums(1, cos_o));
+            cells.clear(FresnelModel::Schlick);
+            // Schlick's terms are then 3/4 and 1/4.
+            let node = InLobe {
+                sin2_h: wm.x * wm.x + wm.y * wm.y,
+                variance_h: 0.0,
+                cos_i: wi.0.z,
+                cos_d: 1.0 - 0.25f32.powf(0.2),
+                flux: Vec3::new(1.0, 2.0, 3.0) / 0.75,
+            };
+            cells.add(&node);
+            let (sums, third) = (cells.sums(0, cos_o), cells.sums(1, cos_o));
             for ndf in Ndf::ALL {
                 for k in 0..ROUGHNESSES {
                     let a = Alpha::saturating(roughness(k));
@@ -307,7 +399,7 @@ mod tests {
                     let bound = 5e-3 * exact + 5e-4 * peak;
                     prop_assert!((sum.x - exact).abs() <= bound, "{:?} {} {} {}", ndf, k, sum.x, exact);
                     prop_assert!((sum.z - 3.0 * sum.x).abs() <= 1e-4 * sum.z.abs() + 1e-4 * peak);
-                    prop_assert!((quarter[ndf as usize][k] * 4.0 - sum).length() <= 1e-4 * (sum.length() + peak));
+                    prop_assert!((third[ndf as usize][k] * 3.0 - sum).length() <= 1e-4 * (sum.length() + peak));
                 }
             }
         }

@@ -26,6 +26,7 @@ mod light_cut;
 mod lobe_cells;
 mod lobe_form;
 mod lobe_table;
+mod lobe_weights;
 mod model_choice;
 mod non_negative;
 mod noise;
