@@ -38,9 +38,9 @@ pub(super) struct BlockedPatch {
     pub(super) is_black: bool,
 }
 
-/// Share of the hemisphere, by cosine, that counts as open all the same: that of a facet's own plane below
-/// the horizon of a normal 3.6° from its own. Of even light it is a fifth of the error that a point's rho_d
-/// may have.
+/// Share of the hemisphere, by cosine over the coarse grid, that counts as open all the same: that of a
+/// facet's own plane below the horizon of a normal 3.6° from its own. Of even light it is a fifth of the
+/// error that a point's rho_d may have.
 const NEGLIGIBLE: f32 = 1e-3;
 
 /// The directions from which light reaches a surface point.
@@ -338,8 +338,8 @@ mod tests {
 
     #[test]
     fn what_hardly_rises_above_the_horizon_blocks_nothing() {
-        // Elevations of 2.9° and 5.7°: shares of 6e-4 and 2.5e-3.
-        for (height, is_open) in [(0.05, true), (0.1, false)] {
+        // Elevations of 1.1° and 8.5°, below and above a coarse cell: shares of 1e-4 and 5.5e-3.
+        for (height, is_open) in [(0.02, true), (0.15, false)] {
             let (accel, surface) = wall(height);
             let (visibility, _) = Visibility::trace(&accel, &surface, Vec3::ZERO, Vec3::Y);
             assert_eq!(matches!(visibility, Visibility::Open), is_open, "{height}");
