@@ -298,8 +298,8 @@ impl Laid {
             laid.along[lane] = place - first as f32;
         }
         for (half, &basis) in laid.half_reflectance.iter_mut().zip(fresnel.bases()) {
-            for lane in 0..BATCH {
-                half[lane] = 0.5 * fresnel.reflectance(basis, batch.cos_d[lane]);
+            for (half, &cos_d) in half.iter_mut().zip(&batch.cos_d) {
+                *half = 0.5 * fresnel.reflectance(basis, cos_d);
             }
         }
         laid
