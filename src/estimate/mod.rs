@@ -54,6 +54,8 @@ mod laws;
 #[cfg(test)]
 mod reason_laws;
 #[cfg(test)]
+mod representatives_laws;
+#[cfg(test)]
 mod turntable;
 #[cfg(test)]
 mod unknown_light_laws;
