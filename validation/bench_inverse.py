@@ -29,6 +29,7 @@ import math
 import os
 import platform
 import shutil
+import subprocess
 import tempfile
 import time
 from pathlib import Path
