@@ -42,7 +42,6 @@ import exr_files
 import turnlight_example
 from bench_fit_scale import fit
 from bench_render import geometric_mean
-from bench_scale import write_mesh
 from check_images import ROOT, derive_scene
 from log_plots import page, panel
 from mitsuba_env import mi
