@@ -23,6 +23,8 @@ case "${1-}" in
 esac
 
 "$validation/setup.sh" || exit 2
+# Not every path of a script is run here: names that it lacks would show months later.
+"$home/venv/bin/python" -m pyflakes "$validation"/*.py || exit 1
 (cd "$root" && cargo build --release --quiet --bin turnlight --example ray_hits) || exit 2
 
 passed=0
