@@ -309,6 +309,7 @@ impl<'p, 'a> Minimum<'p, 'a> {
             sigma_alpha: alpha * deviations.ln_alpha as f32,
             frames: problem.trace.frames(),
             residual: self.relative_residual(),
+            misfit: self.scale.sqrt() as f32,
             status,
             reason,
             second_alpha: second_alpha.exp() as f32,

@@ -220,6 +220,9 @@ impl LobeCells {
     #[inline(always)]
     fn lay_any(&mut self) {
         let count = std::mem::take(&mut self.waiting.count);
+        if count == 0 {
+            return;
+        }
         let laid = Laid::of(&self.waiting, self.fresnel);
         for lane in 0..count {
             let place = laid.place[lane] as usize;

@@ -261,6 +261,8 @@ pub struct Estimate {
     pub frames: u32,
     /// Root-mean-square residual relative to the root-mean-square observation.
     pub residual: f32,
+    /// Root-mean-square residual relative to the noise, robust against single outliers.
+    pub misfit: f32,
     /// How it ended.
     pub status: Status,
     /// What stands in the way of a roughness.
@@ -287,6 +289,7 @@ impl Estimate {
             second_alpha: f32::NAN,
             second_evidence: f32::NAN,
             residual: 0.0,
+            misfit: 1.0,
             status,
             reason: Reason::None,
             material: None,
