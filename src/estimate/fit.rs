@@ -6,7 +6,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::columns::{Columns, ForwardModel, Scratch};
+use super::columns::Columns;
+use super::forward_model::{ForwardModel, Scratch};
 use super::gloss::Gloss;
 use super::interreflection::{self, Glow};
 use super::model_choice::Shares;

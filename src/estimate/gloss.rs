@@ -8,7 +8,8 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::columns::{self, open_lobe};
+use super::columns;
+use super::forward_model::{LobeScratch, open_lobe};
 use super::fresnel_model::FresnelModel;
 use crate::brdf::{Alpha, Ndf};
 use crate::geometry::{Local, direction_from_octahedral, octahedral_from_direction};
@@ -64,7 +65,7 @@ impl Gloss {
         // [cell][ndf][roughness of the fit]
         let cells: Vec<[[Vec3; columns::ROUGHNESSES]; 2]> = (0..CELLS * CELLS)
             .into_par_iter()
-            .map_init(columns::LobeScratch::default, |scratch, cell| {
+            .map_init(LobeScratch::default, |scratch, cell| {
                 let place = Vec2::new((cell % CELLS) as f32 + 0.5, (cell / CELLS) as f32 + 0.5);
                 let mirror = direction_from_octahedral(place / CELLS as f32);
                 open_lobe(light, fresnel, LIGHT_NODES, mirror, scratch)

@@ -12,7 +12,8 @@
 use glam::Vec3;
 
 use super::Estimate;
-use super::columns::{ForwardModel, roughness};
+use super::columns::roughness;
+use super::forward_model::ForwardModel;
 use super::interreflection::Glow;
 use super::light_cut::{Lobe, LobeCut, to_object};
 use super::visibility::Visibility;

@@ -5,7 +5,8 @@ use std::f64::consts::TAU;
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::columns::{Columns, ForwardModel, ROUGHNESSES, Scratch, roughness};
+use super::columns::{Columns, ROUGHNESSES, roughness};
+use super::forward_model::{ForwardModel, Scratch};
 use super::fresnel_model::{Basis, FresnelModel};
 use super::full;
 use super::gloss::{self, Gloss};

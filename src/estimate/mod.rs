@@ -15,6 +15,7 @@ mod appearance;
 mod columns;
 mod fit;
 mod forecast;
+mod forward_model;
 mod fresnel_model;
 mod full;
 mod gloss;

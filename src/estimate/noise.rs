@@ -220,15 +220,8 @@ mod tests {
 
     fn observation(variance: Vec3) -> Observation {
         Observation {
-            frame: 0,
-            radiance: Vec3::ONE,
             variance,
-            saturated: BVec3::FALSE,
-            position: Vec3::ZERO,
-            wo: Vec3::Z,
-            normal: Vec3::Z,
-            geometric_normal: Vec3::Z,
-            normal_variance: 0.0,
+            ..Observation::face_on(0)
         }
     }
 

@@ -1,6 +1,6 @@
 //! Who stands for whom.
 
-use glam::{BVec3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 use proptest::prelude::*;
 
 use super::representatives::representatives;
@@ -8,17 +8,6 @@ use crate::mesh::SurfacePoint;
 use crate::traces::{Observation, Trace};
 
 fn trace(x: f32, frames: u32) -> Trace {
-    let observation = |frame| Observation {
-        frame,
-        radiance: Vec3::ONE,
-        variance: Vec3::ONE,
-        saturated: BVec3::FALSE,
-        position: Vec3::ZERO,
-        wo: Vec3::Z,
-        normal: Vec3::Z,
-        geometric_normal: Vec3::Z,
-        normal_variance: 0.0,
-    };
     let point = SurfacePoint {
         position: Vec3::new(x, 0.0, 0.0),
         normal: Vec3::Z,
@@ -28,7 +17,7 @@ fn trace(x: f32, frames: u32) -> Trace {
     };
     Trace {
         point,
-        observations: (0..frames).map(observation).collect(),
+        observations: (0..frames).map(Observation::face_on).collect(),
     }
 }
 

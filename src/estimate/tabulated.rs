@@ -15,7 +15,8 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::columns::{Columns, ForwardModel, Scratch};
+use super::columns::Columns;
+use super::forward_model::{ForwardModel, Scratch};
 use super::half_angle::{self, Fall, KNOTS, STEPS, angle};
 use super::interreflection::Glow;
 use super::noise::NoiseModel;

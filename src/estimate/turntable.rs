@@ -7,7 +7,8 @@ use glam::{BVec3, Mat3, Vec2, Vec3};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-use super::columns::{Columns, ForwardModel, Scratch};
+use super::columns::Columns;
+use super::forward_model::{ForwardModel, Scratch};
 use super::fresnel_model::{FresnelModel, PAPER_ETA};
 use super::half_angle::{self, STEPS};
 use super::lobe_form::LobeForm;

@@ -20,7 +20,8 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::Estimate;
-use super::columns::{Columns, ForwardModel, Scratch};
+use super::columns::Columns;
+use super::forward_model::{ForwardModel, Scratch};
 use super::fresnel_model::FresnelModel;
 use super::visibility::Visibility;
 use super::{FitSettings, gradient, non_negative};

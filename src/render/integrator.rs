@@ -222,18 +222,15 @@ impl Illuminated<'_> {
         } else {
             1.0
         };
-        let next = if other.y >= survival {
-            stats.negligible += 1;
-            None
-        } else {
+        let next = survives(survival, other.y, stats).then(|| {
             let (direction, density) = lune.sample(u);
-            Some(Next {
+            Next {
                 direction,
                 wi: at.surface.frame.to_local(direction),
                 density: survival * density,
                 held: Held::BOTH,
-            })
-        };
+            }
+        });
         Answer { tabulated, next }
     }
 
@@ -296,25 +293,24 @@ impl Illuminated<'_> {
         } else {
             1.0
         };
-        let next = if other.y >= survival {
-            stats.negligible += 1;
-            None
-        } else {
-            let sampled = guide.sample(surface, light, u, other.x);
-            let above = sampled.map(|direction| (direction, surface.frame.to_local(direction)));
-            above.filter(|(_, wi)| wi.0.z > 0.0).map(|(direction, wi)| {
-                let drawn = guide.drawn(surface, light, direction, wi);
-                Next {
-                    direction,
-                    wi,
-                    density: survival * drawn.density,
-                    held: Held {
-                        diffuse: !drawn.left_out,
-                        lobe: lobe.is_some(),
-                    },
-                }
-            })
-        };
+        if !survives(survival, other.y, stats) {
+            let next = None;
+            return Answer { tabulated, next };
+        }
+        let sampled = guide.sample(surface, light, u, other.x);
+        let above = sampled.map(|direction| (direction, surface.frame.to_local(direction)));
+        let next = above.filter(|(_, wi)| wi.0.z > 0.0).map(|(direction, wi)| {
+            let drawn = guide.drawn(surface, light, direction, wi);
+            Next {
+                direction,
+                wi,
+                density: survival * drawn.density,
+                held: Held {
+                    diffuse: !drawn.left_out,
+                    lobe: lobe.is_some(),
+                },
+            }
+        });
         Answer { tabulated, next }
     }
 
@@ -386,6 +382,14 @@ impl Illuminated<'_> {
         let reflected = surface.brdf.eval(wi, surface.wo) * (wi.0.z / density);
         reflected * self.light.light.radiance(position, direction)
     }
+}
+
+/// Whether a path goes on, by its probability and a uniform number.
+#[inline]
+fn survives(probability: f32, uniform: f32, stats: &mut RenderStats) -> bool {
+    let survives = uniform < probability;
+    stats.negligible += u64::from(!survives);
+    survives
 }
 
 /// What a ray meets.

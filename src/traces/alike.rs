@@ -113,15 +113,14 @@ mod tests {
     fn observation(frame: u32, tilt: f32, radiance: f32, variance: f32) -> Observation {
         let normal = Vec3::new(tilt.sin(), tilt.cos(), 0.0);
         Observation {
-            frame,
             radiance: Vec3::splat(radiance),
             variance: Vec3::splat(variance),
-            saturated: BVec3::FALSE,
             position: Vec3::new(tilt, 0.0, 0.0),
             wo: Vec3::Y,
             normal,
             geometric_normal: normal,
             normal_variance: 1e-6,
+            ..Observation::face_on(frame)
         }
     }
 

@@ -51,6 +51,24 @@ pub struct Trace {
     pub observations: Vec<Observation>,
 }
 
+#[cfg(test)]
+impl Observation {
+    /// One for tests: of unit radiance, seen face on.
+    pub(crate) fn face_on(frame: u32) -> Self {
+        Self {
+            frame,
+            radiance: Vec3::ONE,
+            variance: Vec3::ONE,
+            saturated: BVec3::FALSE,
+            position: Vec3::ZERO,
+            wo: Vec3::Z,
+            normal: Vec3::Z,
+            geometric_normal: Vec3::Z,
+            normal_variance: 0.0,
+        }
+    }
+}
+
 impl Trace {
     /// Number of frames in which the point is seen.
     pub fn frames(&self) -> u32 {
