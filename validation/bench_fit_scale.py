@@ -1,12 +1,16 @@
 """What do size and number cost: time and peak memory of `turnlight fit`.
 
     target/validation/venv/bin/python validation/bench_fit_scale.py [--quick] [--out FOLDER]
+    target/validation/venv/bin/python validation/bench_fit_scale.py --suzanne FRAMES [--rival PROGRAM]
 
 A sphere without texture coordinates, rendered by turnlight under the interior probe, fitted in texels. One
 thing grows at a time: texels, frames, triangles, threads. Time is the command's wall time, with loading
 and writing; memory its peak resident set.
 
 Writes bench_fit_scale.json, .svg and .md to FOLDER (target/validation).
+
+With --suzanne, one fit instead: Suzanne's triangles cut in four, 29,846 vertices, in FRAMES of 512² with a
+sensor's noise, and the same by another build of turnlight.
 """
 
 import argparse
@@ -16,6 +20,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from bench_scale import measured, write_mesh
 from check_images import ROOT, TURNLIGHT, derive_scene, turnlight
@@ -33,10 +38,10 @@ GROWTH = {
 BASE = {"texels": 64, "frames": 18, "triangles": 20_000, "threads": os.cpu_count()}
 
 
-def fit(capture, out, *options):
+def fit(capture, out, *options, program=TURNLIGHT):
     """Wall seconds and peak MiB of a fit, and what it says of its own time."""
     stats = out.with_suffix(".json")
-    words = [TURNLIGHT, "--quiet", "--stats", stats, "fit", capture, "--out", out, *options]
+    words = [program, "--quiet", "--stats", stats, "fit", capture, "--out", out, *options]
     seconds, mebibytes = measured(words)
     return seconds, mebibytes, json.loads(stats.read_text())["timings"]
 
@@ -74,6 +79,34 @@ def growth(quick):
     return rows
 
 
+def suzanne(frames, programs):
+    """Prints what the fit of the divided Suzanne takes of each program."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        coarse = trimesh.load(ROOT / "scenes" / "meshes" / "suzanne.ply", process=False)
+        attributes = {"normal": np.array(coarse.vertex_normals)}
+        vertices, faces, attributes = trimesh.remesh.subdivide(
+            coarse.vertices, coarse.faces, vertex_attributes=attributes
+        )[:3]
+        normals = attributes["normal"] / np.linalg.norm(attributes["normal"], axis=1, keepdims=True)
+        fine = trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False)
+        fine.export(folder / "mesh.ply", vertex_normal=True)
+        scene = derive_scene(
+            "suzanne-plastic",
+            folder / "scene.toml",
+            object={"mesh": "mesh.ply"},
+            camera={"width": 512, "height": 512, "fov_x_deg": 40.0},
+            turntable={"frames": frames},
+            sensor={"full_well_electrons": 30000.0, "read_noise_electrons": 5.0, "bits": 14, "exposure": 1.0},
+        )
+        capture = folder / "capture"
+        turnlight("render", scene, "--spp", 64, "--max-depth", 4, "--out", capture)
+        for number, program in enumerate(programs):
+            seconds, mebibytes, timings = fit(capture, folder / str(number), program=program)
+            parts = ", ".join(f"{key} {value:.1f}" for key, value in timings.items())
+            print(f"{program}: {len(vertices)} vertices, {frames} frames of 512²: {seconds:.1f} s ({parts}), {mebibytes:.0f} MiB")
+
+
 def table(rows):
     lines = ["| what grows | points | seconds: all / load / traces / fit | MiB |", "|---|---|---|---|"]
     for row in rows:
@@ -103,7 +136,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="the first two steps of each")
     parser.add_argument("--out", type=Path, default=ROOT / "target" / "validation", metavar="FOLDER")
+    parser.add_argument("--suzanne", type=int, metavar="FRAMES", help="one fit of Suzanne instead")
+    parser.add_argument("--rival", type=Path, action="append", default=[], metavar="PROGRAM", help="and by this build")
     options = parser.parse_args()
+    if options.suzanne:
+        suzanne(options.suzanne, [TURNLIGHT, *options.rival])
+        return
     options.out.mkdir(parents=True, exist_ok=True)
     rows = growth(options.quick)
     machine = {"cores": os.cpu_count()}
