@@ -8,7 +8,7 @@ use crate::traces::Trace;
 /// For each point the one that stands for it: itself, or a neighbour. `[points]`, `[points][neighbours]`.
 pub(super) fn representatives(traces: &[Trace], neighbours: &[Vec<u32>]) -> Vec<u32> {
     let frames: Vec<u32> = traces.iter().map(Trace::frames).collect();
-    let mut order: Vec<usize> = (0..traces.len()).collect();
+    let mut order: Vec<usize> = (0..traces.len()).filter(|&i| frames[i] > 0).collect();
     order.sort_by_key(|&index| std::cmp::Reverse(frames[index]));
     let mut stands: Vec<u32> = (0..traces.len() as u32).collect();
     let mut is_chosen = vec![false; traces.len()];
@@ -22,8 +22,8 @@ pub(super) fn representatives(traces: &[Trace], neighbours: &[Vec<u32>]) -> Vec<
         let chosen = chosen.filter(|&other| is_chosen[other as usize]);
         let nearest = chosen.min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
         match nearest {
-            Some(other) if frames[index] > 0 => stands[index] = other,
-            _ => is_chosen[index] = frames[index] > 0,
+            Some(other) => stands[index] = other,
+            None => is_chosen[index] = true,
         }
     }
     stands
